@@ -1,0 +1,2 @@
+//! `animimic`: the command line.
+fn main() {}

@@ -1,0 +1,1 @@
+//! animimic-fit

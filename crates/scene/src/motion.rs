@@ -1,0 +1,31 @@
+//! What moves: poses over time, and vertices over time.
+
+use crate::rig::Transform;
+use glam::DVec3;
+
+/// Local transforms of all joints at one time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// Local transform \[joint\].
+    pub locals: Vec<Transform>,
+}
+
+/// A clip: poses at a constant rate, the first at time 0.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    /// Clip name.
+    pub name: String,
+    /// Frames per second.
+    pub fps: f64,
+    /// Poses \[frame\].
+    pub poses: Vec<Pose>,
+}
+
+/// Vertex positions over time: the result of any driver.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Frames per second.
+    pub fps: f64,
+    /// Positions [model unit], \[frame\]\[vertex\], world space.
+    pub frames: Vec<Vec<DVec3>>,
+}
