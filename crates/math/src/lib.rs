@@ -3,4 +3,9 @@
 //! Meshes and files are deliberately absent.
 #![deny(missing_docs)]
 
+pub mod block_tridiagonal;
 pub mod gradcheck;
+pub mod lanes;
+pub mod polar3;
+pub mod so3;
+pub mod svd3;
