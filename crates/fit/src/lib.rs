@@ -1,1 +1,10 @@
-//! animimic-fit
+//! Stage 1: joint motion from cues.
+//!
+//! File paths, printing and where cues come from are deliberately absent.
+#![deny(missing_docs)]
+
+pub mod normal;
+pub mod robust;
+pub mod solver;
+pub mod terms;
+pub mod view;

@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn a_right_gradient_passes_and_a_wrong_one_does_not() {
         let f = |x: &[f64]| x[0].sin() * x[1] + x[1].powi(3);
-        let x = [0.4, -1.3];
+        let x = [0.4_f64, -1.3];
         let g = [x[0].cos() * x[1], x[0].sin() + 3.0 * x[1] * x[1]];
         assert!(gradient_error(f, &x, &g, 8, &[1e-3, 1e-4, 1e-5], 1) < 1e-8);
         assert!(gradient_error(f, &x, &[g[0] * 1.01, g[1]], 8, &[1e-3, 1e-4, 1e-5], 1) > 1e-4);

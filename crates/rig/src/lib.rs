@@ -1,1 +1,12 @@
-//! x
+//! Kinematics, skinning and their derivatives.
+//!
+//! Cameras and losses are deliberately absent.
+#![deny(missing_docs)]
+
+pub mod anchor;
+pub mod kinematics;
+pub mod solve_tree;
+pub mod smoothness;
+
+pub use anchor::{Anchor, AnchorColumns};
+pub use kinematics::{FramePose, Kinematics, Posed};
