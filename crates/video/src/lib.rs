@@ -1,1 +1,21 @@
-//! animimic-video
+//! Videos: decode and encode, optical flow, and the cues read from them (masks, tracks).
+//!
+//! Mesh deformation is deliberately absent: others see only [`animimic_scene::Video`] and [`animimic_scene::Cues`].
+#![deny(missing_docs)]
+
+pub mod color;
+mod cut;
+pub mod error;
+pub mod flow;
+pub mod h264;
+pub mod pixels;
+mod quiet;
+pub mod read;
+pub mod source;
+pub mod timing;
+mod turn;
+pub mod write;
+
+pub use crate::error::{Result, VideoError};
+pub use crate::read::{ReadOptions, read};
+pub use crate::write::{write_gif, write_mp4, write_png};
