@@ -8,4 +8,5 @@ pub mod gradcheck;
 pub mod lanes;
 pub mod polar3;
 pub mod so3;
+pub mod sparse;
 pub mod svd3;

@@ -12,7 +12,6 @@
 
 use crate::lanes::{Lanes, Mat3x4, dot, scale, splat};
 use crate::svd3::svd3;
-use wide::{CmpGe, CmpGt};
 
 /// Newton steps of the quartic; from the upper bound √(3 I₁) it needs 3 to 6 when well conditioned.
 const MAX_NEWTON: usize = 16;

@@ -6,7 +6,6 @@
 //! differentiated: derivatives of what is built from it have their own closed forms.
 
 use crate::lanes::{Lanes, Mat3x4, Vec3x4, cross, dot, scale, splat};
-use wide::{CmpGt, CmpLt};
 
 /// Sweeps after which 3×3 one-sided Jacobi has long converged (it takes 4 to 6 from any start).
 const MAX_SWEEPS: usize = 12;
