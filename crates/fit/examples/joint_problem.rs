@@ -23,7 +23,7 @@ fn main() {
     let c0 = std::time::Instant::now();
     let ps = pseudo_anchors(&va, j);
     println!("rank {} in {:?}", ps.len(), c0.elapsed());
-    let smooth = Smoothness { columns: ps.iter().map(|a| a.columns(&kin)).collect(), anchors: ps, velocity: 2e2, acceleration: 2e3 };
+    let smooth = Smoothness { columns: ps.iter().map(|a| a.columns(&kin)).collect(), anchors: ps, velocity: 2e2, acceleration: 2e3, basis: DVec3::AXES };
     let pix = Pixels { targets: (0..f).map(|t| (0..n).filter(|&i| vis[t * n + i] > 0.0).map(|i| PixelTarget { anchor: i as u32, pixel: DVec2::new(tracks[(t * n + i) * 2], tracks[(t * n + i) * 2 + 1]), weight: vis[t * n + i], normal: None }).collect()).collect(), robust: Robust::Huber(2.0), weight: 1.0 };
     let dep = Depth { targets: (0..f).map(|t| (0..n).filter(|&i| vis[t * n + i] > 0.0).map(|i| DepthTarget { anchor: i as u32, depth: depth[t * n + i], weight: vis[t * n + i] }).collect()).collect(), sigma: 0.004, robust: Robust::Squared, weight: 1.0, affine: true };
     let mut prior = vec![JointPrior { stiffness: 2.0, limit_rad: 1.2, limit_stiffness: 1e2, ..JointPrior::FREE }; j];

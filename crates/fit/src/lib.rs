@@ -3,8 +3,12 @@
 //! File paths, printing and where cues come from are deliberately absent.
 #![deny(missing_docs)]
 
+mod error;
 pub mod normal;
 pub mod robust;
 pub mod solver;
+pub mod stage1;
 pub mod terms;
 pub mod view;
+
+pub use error::FitError;

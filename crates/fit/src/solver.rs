@@ -25,6 +25,8 @@ pub struct Smoothness {
     pub velocity: f64,
     /// Weight l₂ of second differences [1/model unit²].
     pub acceleration: f64,
+    /// Orthogonal directions in which motion is measured; a longer one damps motion along it more.
+    pub basis: [DVec3; 3],
 }
 
 /// A fitting problem over a range of frames.
@@ -210,8 +212,17 @@ impl Smoothness {
         first.chain(second).filter(|(t, c, w)| *w > 0.0 && touches(*t, c.len())).collect()
     }
 
+    /// Directions of equal weight along all axes but one, which counts `stretch` times as much.
+    pub fn stretched_basis(axis: DVec3, stretch: f64) -> [DVec3; 3] {
+        let axis = axis.normalize();
+        let (a, b) = axis.any_orthonormal_pair();
+        [a, b, axis * stretch]
+    }
+
+    /// Coordinates of the pseudo-anchors along the basis.
     fn positions(&self, posed: &Posed) -> Vec<DVec3> {
-        self.anchors.iter().map(|a| a.position(posed)).collect()
+        let along = |p: DVec3| DVec3::from_array(self.basis.map(|b| b.dot(p)));
+        self.anchors.iter().map(|a| along(a.position(posed))).collect()
     }
 
     /// The energy of all differences that touch an active frame. Frames after the active range take no part: when tracking
@@ -277,7 +288,7 @@ impl Smoothness {
         let mut jacobian = Mat::zeros(3 * self.anchors.len(), dimension);
         let mut row = Vec::new();
         for (k, (anchor, columns)) in self.anchors.iter().zip(&self.columns).enumerate() {
-            for (axis, direction) in DVec3::AXES.into_iter().enumerate() {
+            for (axis, direction) in self.basis.into_iter().enumerate() {
                 row.clear();
                 anchor.push_row(columns, problem.context.kinematics, posed, direction, &mut row);
                 for &(i, v) in &row {

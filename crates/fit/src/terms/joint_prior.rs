@@ -42,7 +42,7 @@ impl JointPrior {
 /// Priors of all joints.
 #[derive(Clone, Debug)]
 pub struct JointPriors {
-    /// \[frame\]\[joint\], or one entry \[0\]\[joint\] for all frames.
+    /// \[frame\]\[joint\]; the last entry serves all later frames too.
     pub joints: Vec<Vec<JointPrior>>,
 }
 

@@ -1,0 +1,15 @@
+//! What can go wrong while fitting.
+
+/// Errors of this crate.
+#[derive(Debug, thiserror::Error)]
+pub enum FitError {
+    /// The inputs do not belong together.
+    #[error("{0}")]
+    Input(String),
+    /// The model cannot be drawn.
+    #[error(transparent)]
+    Render(#[from] animimic_render::RenderError),
+    /// The caller asked to stop.
+    #[error("stopped")]
+    Stopped,
+}

@@ -1,0 +1,130 @@
+//! Stage 1: joint motion from a video, by analysis and synthesis.
+//!
+//! 1. Light from frame 0, where the model is in its rest pose.
+//! 2. Frame by frame ([`track`]): draw the model where it is believed to be, find by dense flow and silhouettes where the
+//!    drawn points are in the frame, solve for the pose (Levenberg–Marquardt on SO(3)ᴶ), draw again.
+//! 3. All frames together ([`track::Stage::refine`]), coupled by smoothness over time.
+
+pub mod contour;
+pub mod correspond;
+pub mod settings;
+pub mod sight;
+pub mod subject;
+pub mod track;
+
+use crate::FitError;
+use animimic_render::{Light, rasterize_surface, solve_light};
+use animimic_rig::FramePose;
+use animimic_scene::{Asset, Camera, Image, Mask, Motion};
+use contour::Contour;
+use correspond::{Flow, Frame, contour_bias};
+use rayon::prelude::*;
+pub use settings::Settings;
+use sight::{Sight, Studio};
+use std::ops::ControlFlow;
+use subject::Subject;
+use track::Stage;
+
+/// What stage 1 looks at. All pictures have the camera's size.
+#[derive(Clone, Copy)]
+pub struct Input<'a> {
+    /// The model with its rig.
+    pub asset: &'a Asset,
+    /// The camera.
+    pub camera: &'a Camera,
+    /// Video frames.
+    pub frames: &'a [Image],
+    /// Object masks \[frame\].
+    pub masks: &'a [Mask],
+    /// The background \[frame\], or one picture for all frames.
+    pub backgrounds: &'a [Image],
+    /// Dense flow between two pictures.
+    pub flow: &'a Flow<'a>,
+}
+
+/// What stage 1 found.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Solved frames.
+    pub frames: Vec<FramePose>,
+    /// The same as a clip of the model's own skeleton.
+    pub motion: Motion,
+    /// Energy after each step of the final joint solve.
+    pub energies: Vec<f64>,
+    /// How unlike the video each frame looks, in [0, 1].
+    pub mismatch: Vec<f64>,
+}
+
+/// How far the fit has come, in [0, 1]; `Break` stops it.
+pub type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
+
+/// Share of the time that tracking takes, for the progress bar.
+const TRACKING_SHARE: f64 = 0.6;
+
+/// Finds the motion of a rigged model in a video.
+///
+/// # Errors
+/// Inputs that do not belong together, a model that cannot be drawn, or a stop.
+pub fn fit(
+    input: &Input,
+    settings: Settings,
+    name: &str,
+    fps: f64,
+    progress: &mut Progress,
+) -> Result<Outcome, FitError> {
+    check(input)?;
+    let subject = Subject::new(input.asset)?;
+    let light = first_light(input, &subject)?;
+    let stage = stage(input, &subject, &light, settings);
+    let count = stage.frames.len();
+    let mut frames = stage.track(&mut |t| progress(TRACKING_SHARE * t as f64 / count as f64))?;
+    let energies = stage.refine(&mut frames, stage.settings.batch_rounds);
+    if progress(1.0).is_break() {
+        return Err(FitError::Stopped);
+    }
+    let mismatch = (0..count).into_par_iter().map(|t| stage.mismatch(&frames[t], t)).collect();
+    let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
+    Ok(Outcome { motion: Motion { name: name.into(), fps, poses }, frames, energies, mismatch })
+}
+
+fn check(input: &Input) -> Result<(), FitError> {
+    let size = (input.camera.width as usize, input.camera.height as usize);
+    let wrong = |what: &str| Err(FitError::Input(format!("{what} do not have the camera's size {}×{}", size.0, size.1)));
+    if input.frames.is_empty() || input.masks.len() != input.frames.len() || input.backgrounds.is_empty() {
+        return Err(FitError::Input("a fit needs frames, one mask for each, and a background".into()));
+    }
+    if input.frames.iter().chain(input.backgrounds).any(|i| (i.width, i.height) != size) {
+        return wrong("pictures");
+    }
+    if input.masks.iter().any(|m| (m.width, m.height) != size) {
+        return wrong("masks");
+    }
+    Ok(())
+}
+
+/// The light in frame 0, where the model stands in its rest pose.
+pub fn first_light(input: &Input, subject: &Subject) -> Result<Light, FitError> {
+    let rest = subject.skinned(&subject.posed(&subject.tree.kinematics.rest()));
+    let raster = rasterize_surface(input.camera, &subject.surface, &rest, true);
+    Ok(solve_light(input.camera, &subject.surface, &rest, &raster, &input.frames[0], Some(&input.masks[0]))?)
+}
+
+/// Gathers what tracking and refinement need.
+pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, settings: Settings) -> Stage<'a> {
+    let frames: Vec<Frame> = input
+        .frames
+        .par_iter()
+        .zip(input.masks)
+        .enumerate()
+        .map(|(t, (image, mask))| Frame {
+            image,
+            mask,
+            contour: Contour::new(mask),
+            background: &input.backgrounds[t.min(input.backgrounds.len() - 1)],
+        })
+        .collect();
+    let studio = Studio { camera: input.camera, light };
+    let first = Sight::draw(subject, &studio, frames[0].background, &subject.tree.kinematics.rest());
+    let contour_bias_px = contour_bias(&first, &frames[0]);
+    Stage { subject, studio, frames, flow: input.flow, settings, contour_bias_px }
+}

@@ -1,0 +1,52 @@
+//! The constants of stage 1, in units that do not depend on the model's size or the number of points.
+
+/// Weights and schedules.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Weight of a mean appearance residual [1/px²].
+    pub flow: f64,
+    /// Weight of a mean contour residual [1/px²].
+    pub contour: f64,
+    /// First temporal differences [1/diagonal²].
+    pub velocity: f64,
+    /// Second temporal differences [1/diagonal²].
+    pub acceleration: f64,
+    /// How much stronger motion along the view axis is damped than motion across it.
+    pub view_axis: f64,
+    /// Pull of every joint towards its rest rotation [1/rad²].
+    pub rest: f64,
+    /// Pull of a floating part towards its place [1/diagonal²].
+    pub slide: f64,
+    /// Pull of every joint towards its rest rotation in frame 0 [1/rad²].
+    pub first_frame: f64,
+    /// Pull of the root towards its rest place in frame 0 [1/diagonal²].
+    pub first_frame_slide: f64,
+    /// Huber threshold of appearance and contour residuals at the start and the end of a frame's rounds [px].
+    pub huber_px: (f64, f64),
+    /// Reach of contour correspondences at the start and the end of a frame's rounds [px].
+    pub reach_px: (f64, f64),
+    /// Rounds of drawing and solving per frame while tracking.
+    pub rounds: usize,
+    /// Rounds of drawing and solving all frames together.
+    pub batch_rounds: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            flow: 300.0,
+            contour: 150.0,
+            velocity: 300.0,
+            acceleration: 1500.0,
+            view_axis: 5.0,
+            rest: 30.0,
+            first_frame: 1e4,
+            first_frame_slide: 1e6,
+            slide: 3e4,
+            huber_px: (6.0, 1.5),
+            reach_px: (14.0, 5.0),
+            rounds: 4,
+            batch_rounds: 2,
+        }
+    }
+}
