@@ -312,7 +312,7 @@ impl Geometry<'_> {
                 .resize(self.skin.influences.len() + positions.len(), vec![Influence { slot, weight: 1.0 }]);
             return Ok(());
         };
-        let orphans = super::orphans::adopt(positions, &mut influences);
+        let orphans = crate::io::orphans::adopt(positions, &mut influences);
         if orphans > 0 {
             let what = format!(
                 "{orphans} vertices of {} have no weight; each moves with its nearest neighbour",

@@ -8,7 +8,6 @@ mod geometry;
 mod json;
 mod look;
 mod nodes;
-mod orphans;
 
 use super::{Format, ReadOptions, SceneError};
 use crate::rig::{Joint, Rig, Skeleton, Skin};
