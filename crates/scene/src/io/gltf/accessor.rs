@@ -107,6 +107,11 @@ impl<'a> Document<'a> {
         Ok(Self { root, buffers, decompressed: vec![None; views] })
     }
 
+    /// Wraps a document whose buffers are not needed.
+    pub fn plain(json: &'a Value, buffers: &'a [Vec<u8>]) -> Self {
+        Self { root: Place::root(json), buffers, decompressed: Vec::new() }
+    }
+
     /// The bytes of a buffer view; `from` is the place that refers to it.
     pub fn view(&self, index: usize, from: &Place) -> Result<&[u8], SceneError> {
         if let Some(Some(bytes)) = self.decompressed.get(index) {
