@@ -8,8 +8,14 @@ pub enum Error {
     /// A model, camera, npz or other scene file.
     #[error(transparent)]
     Scene(#[from] animimic_scene::io::SceneError),
+    /// A video.
+    #[error(transparent)]
+    Video(#[from] animimic_video::VideoError),
+    /// A mesh that cannot be drawn.
+    #[error(transparent)]
+    Render(#[from] animimic_render::RenderError),
     /// A file could not be read or written.
-    #[error("{path}: {source}")]
+    #[error("{path}: {source}", path = .path.display())]
     Io {
         /// The file.
         path: PathBuf,

@@ -4,12 +4,16 @@
 //! This crate alone knows files, time and progress; it never prints and never parses arguments.
 #![deny(missing_docs)]
 
+pub mod camera;
 pub mod error;
+pub mod evaluate;
 pub mod event;
 pub mod example;
 pub mod metrics;
+pub mod pictures;
 pub mod truth;
 
 pub use animimic_scene as scene;
 pub use error::Error;
+pub use evaluate::{Against, Evaluation, evaluate};
 pub use event::{Event, Progress};

@@ -1,7 +1,10 @@
 //! Exact truth of a motion, for scoring only: a folder with `gt.npz`, `masks.npz`, `camera.json`, `meta.json` and `static.glb`.
 
+use crate::Error;
+use animimic_scene::io::{self, npz};
 use animimic_scene::{Asset, CameraFile, Mask, Source};
 use glam::DVec3;
+use std::path::Path;
 
 /// What really happened.
 #[derive(Clone, Debug, Default)]
@@ -61,6 +64,80 @@ impl Truth {
             (same.len() == 1 && nodes_named(result, &wanted) <= 1).then(|| same[0])
         })
     }
+}
+
+/// Reads a folder of truth: `gt.npz` and `meta.json` are required, the rest is taken where it is.
+///
+/// # Errors
+/// [`Error::Scene`] for broken files, [`Error::Input`] where arrays do not belong together.
+pub fn read(folder: &Path) -> Result<Truth, Error> {
+    let gt = npz::read(folder.join("gt.npz"))?;
+    let meta = folder.join("meta.json");
+    let meta: serde_json::Value = serde_json::from_slice(&std::fs::read(&meta).map_err(Error::io(&meta))?)
+        .map_err(|e| Error::Input(format!("{}: not JSON: {e}", meta.display())))?;
+    let broken = |what: &str| Error::Input(format!("{}: {what}", folder.join("gt.npz").display()));
+    let unique = points(gt.need("verts_unique")?).ok_or_else(|| broken("verts_unique should be frames × n × 3"))?;
+    let map: Vec<usize> = gt.need("vert_to_unique")?.to_f64().iter().map(|&i| i as usize).collect();
+    if unique.is_empty() || map.is_empty() || map.iter().any(|&i| i >= unique[0].len()) {
+        return Err(broken("vert_to_unique points outside verts_unique"));
+    }
+    let vertices: Vec<Vec<DVec3>> = unique.iter().map(|f| map.iter().map(|&i| f[i]).collect()).collect();
+    let visible = match gt.get("visible") {
+        Some(a) => bits(a, map.len()).ok_or_else(|| broken("visible should be frames × packed bits"))?,
+        None => Vec::new(),
+    };
+    let joints = match gt.get("joint_pos") {
+        Some(a) => points(a).ok_or_else(|| broken("joint_pos should be frames × joints × 3"))?,
+        None => Vec::new(),
+    };
+    let joint_names = if joints.is_empty() { Vec::new() } else { joint_names(&meta) };
+    let existing = |name: &str| Some(folder.join(name)).filter(|p| p.is_file());
+    let camera = existing("camera.json").map(io::camera_json::read).transpose()?;
+    let masks = match (&camera, existing("masks.npz")) {
+        (Some(camera), Some(path)) => masks(&npz::read(path)?, camera.main.width as usize),
+        _ => Vec::new(),
+    };
+    let still = existing("static.glb").map(io::read).transpose()?;
+    Ok(Truth { vertices, visible, joints, joint_names, masks, camera, still, soft: existing("soft.npz").is_some() })
+}
+
+/// Frames × n × 3 numbers as points.
+fn points(array: &npz::Array) -> Option<Vec<Vec<DVec3>>> {
+    let &[_, n, 3] = array.shape.as_slice() else { return None };
+    let numbers = array.to_f64();
+    let all: Vec<DVec3> = numbers.chunks_exact(3).map(DVec3::from_slice).collect();
+    (n > 0).then(|| all.chunks_exact(n).map(<[DVec3]>::to_vec).collect())
+}
+
+/// Rows of bits, packed from the highest bit of each byte (`numpy.packbits`), cut to `count` a row.
+fn bits(array: &npz::Array, count: usize) -> Option<Vec<Vec<bool>>> {
+    let bytes = array.to_u8()?;
+    let row = *array.shape.last()?;
+    (row * 8 >= count && row > 0).then(|| {
+        bytes.chunks_exact(row).map(|r| (0..count).map(|i| r[i / 8] & (128 >> (i % 8)) != 0).collect()).collect()
+    })
+}
+
+/// All arrays frames × height × packed columns as masks.
+fn masks(archive: &npz::Archive, width: usize) -> Vec<(String, Vec<Mask>)> {
+    let mut out = Vec::new();
+    for (name, array) in &archive.arrays {
+        let &[_, height, _] = array.shape.as_slice() else { continue };
+        let Some(rows) = bits(array, width) else { continue };
+        let frame = |rows: &[Vec<bool>]| Mask {
+            width,
+            height,
+            coverage: rows.iter().flatten().map(|&b| if b { 255 } else { 0 }).collect(),
+        };
+        out.push((name.clone(), rows.chunks_exact(height.max(1)).map(frame).collect()));
+    }
+    out
+}
+
+fn joint_names(meta: &serde_json::Value) -> Vec<(String, Option<usize>)> {
+    let joints = meta["joints"].as_array().map_or(&[][..], |j| j);
+    let node = |j: &serde_json::Value| j["node"].as_u64().map(|n| n as usize);
+    joints.iter().map(|j| (j["name"].as_str().unwrap_or_default().to_owned(), node(j))).collect()
 }
 
 /// Number of nodes of that name in the asset's document.

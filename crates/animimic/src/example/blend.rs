@@ -9,7 +9,7 @@ use animimic_scene::{Influence, Skeleton, Skin, Slot};
 use glam::{DAffine3, DVec3};
 
 /// Width of the blend between primitives [m].
-const BLEND: f64 = 0.016;
+const BLEND: f64 = 0.022;
 /// Width of the transition between joints' weights [m].
 const TRANSITION: f64 = 0.018;
 /// Rounds of averaging weights over neighbouring vertices.
@@ -28,12 +28,7 @@ pub struct Primitive {
 /// Forms with a distance function.
 pub enum Shape {
     /// A cone from `a` to `b` with round ends of two radii, optionally flattened along a unit direction by a factor.
-    Cone {
-        a: DVec3,
-        b: DVec3,
-        radii: [f64; 2],
-        flatten: Option<(DVec3, f64)>,
-    },
+    Cone { a: DVec3, b: DVec3, radii: [f64; 2], flatten: Option<(DVec3, f64)> },
     /// An ellipsoid along the axes.
     Ellipsoid { center: DVec3, radii: DVec3 },
 }
@@ -82,7 +77,10 @@ pub fn weights(primitives: &[Primitive], surface: &Surface, joints: usize) -> Ve
             .map(|v| {
                 let around = &neighbours[v];
                 (0..joints)
-                    .map(|j| 0.5 * w[v][j] + 0.5 * around.iter().map(|&u| w[u as usize][j]).sum::<f64>() / around.len() as f64)
+                    .map(|j| {
+                        0.5 * w[v][j]
+                            + 0.5 * around.iter().map(|&u| w[u as usize][j]).sum::<f64>() / around.len() as f64
+                    })
                     .collect()
             })
             .collect();
@@ -104,8 +102,7 @@ fn closeness(primitives: &[Primitive], p: DVec3, joints: usize) -> Vec<f64> {
 /// The skin of the unwrapped vertices: the four largest weights of each vertex's source, one slot per joint.
 pub fn skin(skeleton: &Skeleton, positions: &[DVec3], source_vertex: &[u32], weights: &[Vec<f64>]) -> Skin {
     let world = skeleton.world_from_joint(&skeleton.rest_locals());
-    let slots =
-        world.iter().enumerate().map(|(joint, w)| Slot { joint, inverse_bind: DAffine3::inverse(w) }).collect();
+    let slots = world.iter().enumerate().map(|(joint, w)| Slot { joint, inverse_bind: DAffine3::inverse(w) }).collect();
     let influences = source_vertex.iter().map(|&v| largest(&weights[v as usize])).collect();
     Skin { slots, bind_positions: positions.to_vec(), influences }
 }

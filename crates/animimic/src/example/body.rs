@@ -76,8 +76,8 @@ pub fn primitives() -> Vec<Primitive> {
         let across = mirrored(0.45, 0.1, 1.0).normalize();
         let ear = at(&name("ear_SIDE_1", "")).1;
         let ear_mid = at(&name("ear_SIDE_2", "")).1;
-        cone(&name("ear_SIDE_1", ""), ear - mirrored(0.015, 0.06, 0.0), ear_mid, [0.095, 0.085], Some((across, 0.42)));
-        cone(&name("ear_SIDE_2", ""), ear_mid, mirrored(0.235, 1.46, 0.42), [0.085, 0.018], Some((across, 0.42)));
+        cone(&name("ear_SIDE_1", ""), ear - mirrored(0.015, 0.06, 0.0), ear_mid, [0.095, 0.085], Some((across, 0.5)));
+        cone(&name("ear_SIDE_2", ""), ear_mid, mirrored(0.235, 1.46, 0.42), [0.085, 0.036], Some((across, 0.5)));
         let (shoulder, elbow, wrist) = (
             at(&name("front_SIDE_upper", "")).1,
             at(&name("front_SIDE_lower", "")).1,
@@ -86,11 +86,8 @@ pub fn primitives() -> Vec<Primitive> {
         cone(&name("front_SIDE_upper", ""), shoulder, elbow, [0.10, 0.066], None);
         cone(&name("front_SIDE_lower", ""), elbow, wrist, [0.066, 0.054], None);
         cone(&name("front_SIDE_paw", ""), wrist - v(0.0, 0.05, 0.0), wrist + v(0.0, -0.06, 0.07), [0.06, 0.058], None);
-        let (hip, knee, hock) = (
-            at(&name("hind_SIDE_upper", "")).1,
-            at(&name("hind_SIDE_lower", "")).1,
-            at(&name("hind_SIDE_paw", "")).1,
-        );
+        let (hip, knee, hock) =
+            (at(&name("hind_SIDE_upper", "")).1, at(&name("hind_SIDE_lower", "")).1, at(&name("hind_SIDE_paw", "")).1);
         cone(&name("hind_SIDE_upper", ""), hip, knee, [0.135, 0.088], None);
         cone(&name("hind_SIDE_lower", ""), knee, hock, [0.082, 0.05], None);
         cone(&name("hind_SIDE_paw", ""), hock, hock - v(0.0, 0.09, -0.05), [0.05, 0.055], None);

@@ -25,7 +25,8 @@ fn pose(skeleton: &Skeleton, time_secs: f64) -> Pose {
         .map(|joint| {
             let mut local = joint.rest;
             let angles = angles(&joint.name, phase, time_secs) * onset;
-            local.rotation = DQuat::from_rotation_y(angles.y) * DQuat::from_rotation_x(angles.x) * DQuat::from_rotation_z(angles.z);
+            local.rotation =
+                DQuat::from_rotation_y(angles.y) * DQuat::from_rotation_x(angles.x) * DQuat::from_rotation_z(angles.z);
             if joint.name == "hips" {
                 let bob = DVec3::new(0.018 * phase.sin(), 0.028 * (1.0 - (2.0 * phase).cos()), 0.0);
                 local.translation += bob * onset;
@@ -58,7 +59,11 @@ fn angles(name: &str, phase: f64, time_secs: f64) -> DVec3 {
 
 /// Diagonal legs step together: the foot lifts while the leg swings forward.
 fn leg(name: &str, phase: f64) -> DVec3 {
-    let own = if matches!(&name[..name.rfind('_').unwrap_or(0)], "front_left" | "hind_right") { phase } else { phase + TAU / 2.0 };
+    let own = if matches!(&name[..name.rfind('_').unwrap_or(0)], "front_left" | "hind_right") {
+        phase
+    } else {
+        phase + TAU / 2.0
+    };
     let (swing, lift) = (own.sin(), own.cos().max(0.0).powi(2));
     let bend = match name.rsplit('_').next() {
         Some("upper") => -0.34 * swing - 0.20 * lift,

@@ -11,7 +11,10 @@ mod paint;
 mod surface_net;
 mod unwrap;
 
-use animimic_scene::{Asset, Camera, CameraFile, Look, Motion, Part, Rig, Source};
+use crate::Error;
+use crate::pictures::Studio;
+use animimic_render::Light;
+use animimic_scene::{Asset, Camera, CameraFile, Image, Look, Motion, Part, Rig, Source};
 use glam::DVec3;
 
 /// The creature, the motion in its video and the camera that films it.
@@ -42,14 +45,34 @@ pub fn creature() -> Example {
     let weights = blend::weights(&primitives, &surface, skeleton.joints.len());
     let (mut mesh, source_vertex, texture) =
         unwrap::unwrap(&surface, |p| blend::normal(&primitives, p), |p, n| paint::color(p, n));
-    mesh.parts =
-        vec![Part { name: "creature".into(), vertices: 0..mesh.positions.len(), triangles: 0..mesh.triangles.len(), look: 0 }];
+    mesh.parts = vec![Part {
+        name: "creature".into(),
+        vertices: 0..mesh.positions.len(),
+        triangles: 0..mesh.triangles.len(),
+        look: 0,
+    }];
     let look = Look { name: "skin".into(), texture: Some(texture), roughness: 0.9, ..Look::default() };
     let skin = blend::skin(&skeleton, &mesh.positions, &source_vertex, &weights);
     let motion = dance::motion(&skeleton, FRAMES, FPS);
     let asset =
         Asset { mesh, looks: vec![look], rig: Rig { skeleton, skin }, source: Source::Plain, ..Asset::default() };
     Example { asset, motion, camera: camera() }
+}
+
+/// Draws the video's frames one after the other, in warm light from the upper left.
+///
+/// # Errors
+/// [`Error::Render`] never happens for the creature, which is sound.
+pub fn film(example: &Example) -> Result<impl Iterator<Item = Image> + '_, Error> {
+    const AMBIENT: f64 = 0.62;
+    const KEY: f64 = 0.62;
+    const TOWARDS_LIGHT: DVec3 = DVec3::new(-0.25, 0.85, 0.6);
+    let studio = Studio::with_light(&example.asset, Light::ambient_and_key(AMBIENT, KEY, TOWARDS_LIGHT))?;
+    let rig = &example.asset.rig;
+    Ok(example.motion.poses.iter().map(move |pose| {
+        let x = rig.skinned(&rig.skeleton.world_from_joint(&pose.locals));
+        studio.draw(&example.camera.main, &x, BACKGROUND).0
+    }))
 }
 
 /// The input view from half right, and the held-out views 45° to either side.
@@ -61,8 +84,10 @@ fn camera() -> CameraFile {
     let target = DVec3::new(0.0, 0.66, -0.12);
     let main = Camera::orbit(target, DISTANCE, AZIMUTH_RAD, ELEVATION_RAD, FOV_Y_RAD, SIZE_PX, SIZE_PX);
     let turn = std::f64::consts::FRAC_PI_4;
-    let views =
-        vec![("novel_p45".to_owned(), main.orbited(target, turn)), ("novel_m45".to_owned(), main.orbited(target, -turn))];
+    let views = vec![
+        ("novel_p45".to_owned(), main.orbited(target, turn)),
+        ("novel_m45".to_owned(), main.orbited(target, -turn)),
+    ];
     CameraFile { main, fps: FPS, views, target: Some(target) }
 }
 

@@ -28,7 +28,10 @@ pub fn color(p: DVec3, n: DVec3) -> [f64; 3] {
 fn below(p: DVec3, n: DVec3) -> f64 {
     let ragged = 0.16 * noise(p * 14.0);
     let trunk = step(0.30, 0.48, -n.y + ragged) * step(0.28, 0.34, p.y);
-    let bib = step(0.35, 0.55, n.z - 0.25 * n.y + ragged) * step(0.10, 0.16, p.z) * step(0.84, 0.78, p.y) * step(0.40, 0.44, p.y);
+    let bib = step(0.35, 0.55, n.z - 0.25 * n.y + ragged)
+        * step(0.10, 0.16, p.z)
+        * step(0.84, 0.78, p.y)
+        * step(0.40, 0.44, p.y);
     let muzzle = step(0.955, 0.935, p.y + 0.03 * noise(p * 20.0)) * step(0.57, 0.61, p.z) * step(0.80, 0.82, p.y);
     trunk.max(bib).max(muzzle)
 }
@@ -55,7 +58,10 @@ fn ears(p: DVec3, n: DVec3, c: [f64; 3]) -> [f64; 3] {
     }
     let tip = step(1.36, 1.385, p.y + 0.02 * noise(p * 22.0));
     let center = DVec3::new(p.x.signum() * (0.12 + 0.33 * (p.y - 1.13)), p.y, p.z);
-    let inner = step(0.35, 0.6, n.z) * step(0.062, 0.048, (p.x - center.x).abs()) * step(1.14, 1.17, p.y) * step(1.37, 1.34, p.y);
+    let inner = step(0.35, 0.6, n.z)
+        * step(0.062, 0.048, (p.x - center.x).abs())
+        * step(1.14, 1.17, p.y)
+        * step(1.37, 1.34, p.y);
     mix(mix(c, DEEP, tip), CORAL, inner)
 }
 
@@ -83,7 +89,9 @@ fn face(p: DVec3, n: DVec3, mut c: [f64; 3]) -> [f64; 3] {
     let cheek = (p - DVec3::new(0.15 * side, 0.925, 0.645)).length();
     c = mix(c, CORAL, 0.75 * step(0.042, 0.026, cheek));
     let nose = (p - DVec3::new(0.0, 0.958, 0.785)).length();
-    let mouth = step(0.006, 0.003, (p.y - 0.905 + 0.35 * p.x.abs()).abs()) * step(0.05, 0.045, p.x.abs()) * step(0.72, 0.73, p.z);
+    let mouth = step(0.006, 0.003, (p.y - 0.905 + 0.35 * p.x.abs()).abs())
+        * step(0.05, 0.045, p.x.abs())
+        * step(0.72, 0.73, p.z);
     c = mix(c, INK, 0.85 * mouth * f64::from(n.z > 0.0));
     mix(c, INK, step(0.042, 0.036, nose))
 }
@@ -132,7 +140,9 @@ fn noise(p: DVec3) -> f64 {
 
 /// A number in [0, 1) that depends on its arguments and nothing else.
 fn hash(x: i32, y: i32, z: i32, salt: u32) -> f64 {
-    let mut h = (x as u32).wrapping_mul(0x8da6_b343) ^ (y as u32).wrapping_mul(0xd816_3841) ^ (z as u32).wrapping_mul(0xcb1a_b31f);
+    let mut h = (x as u32).wrapping_mul(0x8da6_b343)
+        ^ (y as u32).wrapping_mul(0xd816_3841)
+        ^ (z as u32).wrapping_mul(0xcb1a_b31f);
     h ^= salt.wrapping_mul(0x9e37_79b9);
     h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d);
     h = (h ^ (h >> 12)).wrapping_mul(0x297a_2d39);

@@ -68,7 +68,13 @@ fn charts(surface: &Surface) -> (Vec<(usize, u8)>, Vec<Chart>) {
             let n = (b - a).cross(c - a);
             let m = n.abs();
             // Sides first: the creature is seen from the side, its seams should not be.
-            let axis = if m.x >= 0.8 * m.y && m.x >= 0.8 * m.z { 0 } else if m.y >= m.z { 1 } else { 2 };
+            let axis = if m.x >= 0.8 * m.y && m.x >= 0.8 * m.z {
+                0
+            } else if m.y >= m.z {
+                1
+            } else {
+                2
+            };
             2 * axis as u8 + u8::from(n[axis] < 0.0)
         })
         .collect();
@@ -111,11 +117,8 @@ fn charts(surface: &Surface) -> (Vec<(usize, u8)>, Vec<Chart>) {
 
 /// The faces across the three edges of each face of a closed mesh.
 fn adjacent_faces(faces: &[[u32; 3]]) -> Vec<[u32; 3]> {
-    let directed: BTreeMap<(u32, u32), u32> = faces
-        .iter()
-        .enumerate()
-        .flat_map(|(f, t)| (0..3).map(move |k| ((t[k], t[(k + 1) % 3]), f as u32)))
-        .collect();
+    let directed: BTreeMap<(u32, u32), u32> =
+        faces.iter().enumerate().flat_map(|(f, t)| (0..3).map(move |k| ((t[k], t[(k + 1) % 3]), f as u32))).collect();
     faces.iter().map(|t| [0, 1, 2].map(|k| directed[&(t[(k + 1) % 3], t[k])])).collect()
 }
 

@@ -27,11 +27,7 @@ impl Metric for Jitter {
 }
 
 fn acceleration(frames: &[Vec<DVec3>]) -> f64 {
-    mean(
-        frames
-            .windows(3)
-            .flat_map(|w| (0..w[0].len()).map(move |i| (w[2][i] - 2.0 * w[1][i] + w[0][i]).length())),
-    )
+    mean(frames.windows(3).flat_map(|w| (0..w[0].len()).map(move |i| (w[2][i] - 2.0 * w[1][i] + w[0][i]).length())))
 }
 
 #[cfg(test)]

@@ -164,17 +164,15 @@ pub(crate) mod fixtures {
     /// Octahedron of radius 1 about the origin, outward triangles.
     pub fn octahedron() -> Mesh {
         let positions = vec![DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
-        let triangles =
-            vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+        let triangles = vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
         Mesh { welded: (0..6).collect(), welded_count: 6, positions, triangles, ..Default::default() }
     }
 
     /// The octahedron sliding along x by `step` a frame.
     pub fn sliding(step: f64, frames: usize) -> (Asset, Vec<Vec<DVec3>>) {
         let mesh = octahedron();
-        let moved = (0..frames)
-            .map(|t| mesh.positions.iter().map(|p| *p + DVec3::X * (step * t as f64)).collect())
-            .collect();
+        let moved =
+            (0..frames).map(|t| mesh.positions.iter().map(|p| *p + DVec3::X * (step * t as f64)).collect()).collect();
         (Asset { mesh, ..Default::default() }, moved)
     }
 

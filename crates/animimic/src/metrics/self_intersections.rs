@@ -21,8 +21,7 @@ impl Metric for SelfIntersections {
     }
 
     fn measure(&self, e: &Evidence) -> Result<Vec<Reading>, Missing> {
-        let counts: Vec<f64> =
-            e.frames.par_iter().map(|f| intersecting_pairs(&e.asset.mesh, f) as f64).collect();
+        let counts: Vec<f64> = e.frames.par_iter().map(|f| intersecting_pairs(&e.asset.mesh, f) as f64).collect();
         let rest = intersecting_pairs(&e.asset.mesh, &e.asset.mesh.positions) as f64;
         Ok(vec![
             ("self_intersections_rest".into(), rest),
@@ -59,7 +58,8 @@ pub fn intersecting_pairs(mesh: &Mesh, positions: &[DVec3]) -> usize {
                 None => {
                     let own = &order[a.first..a.first + a.count];
                     for (k, &p) in own.iter().enumerate() {
-                        count += own[k + 1..].iter().filter(|&&q| cross(&faces[p as usize], &faces[q as usize])).count();
+                        count +=
+                            own[k + 1..].iter().filter(|&&q| cross(&faces[p as usize], &faces[q as usize])).count();
                     }
                 }
             },
@@ -102,7 +102,13 @@ fn build(faces: &[Face], order: &mut [u32], first: usize, nodes: &mut Vec<Node>)
     nodes.push(Node { lo, hi, first, count: order.len(), children: None });
     if order.len() > LEAF {
         let size = hi - lo;
-        let axis = if size.x >= size.y && size.x >= size.z { 0 } else if size.y >= size.z { 1 } else { 2 };
+        let axis = if size.x >= size.y && size.x >= size.z {
+            0
+        } else if size.y >= size.z {
+            1
+        } else {
+            2
+        };
         let middle = order.len() / 2;
         let key = |f: &u32| faces[*f as usize].corner.iter().map(|c| c[axis]).sum::<f64>();
         order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));

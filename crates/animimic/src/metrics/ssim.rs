@@ -64,13 +64,15 @@ fn windowed_mean(values: &[f64], width: usize, height: usize) -> Vec<f64> {
     let mut rows = vec![0.0; height * inner_w];
     for y in 0..height {
         for x in 0..inner_w {
-            rows[y * inner_w + x] = weights.iter().enumerate().map(|(k, w)| w * values[y * width + x + k]).sum::<f64>() / sum;
+            rows[y * inner_w + x] =
+                weights.iter().enumerate().map(|(k, w)| w * values[y * width + x + k]).sum::<f64>() / sum;
         }
     }
     let mut out = vec![0.0; inner_h * inner_w];
     for y in 0..inner_h {
         for x in 0..inner_w {
-            out[y * inner_w + x] = weights.iter().enumerate().map(|(k, w)| w * rows[(y + k) * inner_w + x]).sum::<f64>() / sum;
+            out[y * inner_w + x] =
+                weights.iter().enumerate().map(|(k, w)| w * rows[(y + k) * inner_w + x]).sum::<f64>() / sum;
         }
     }
     out

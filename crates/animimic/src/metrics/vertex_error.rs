@@ -43,8 +43,12 @@ impl Metric for VertexError {
         out.push(("vertex_rms_aligned_pct".into(), rms(aligned.iter().sum()) * percent));
         let first = e.frames.first().map_or(0, Vec::len);
         out.push(("frame0_max_pct".into(), errors[..first].iter().copied().fold(0.0, f64::max)));
-        let still: f64 =
-            truth.vertices.iter().flat_map(|f| f.iter().zip(&truth.vertices[0])).map(|(a, b)| a.distance_squared(*b)).sum();
+        let still: f64 = truth
+            .vertices
+            .iter()
+            .flat_map(|f| f.iter().zip(&truth.vertices[0]))
+            .map(|(a, b)| a.distance_squared(*b))
+            .sum();
         out.push(("static_rms_pct".into(), rms(still) * percent));
         out.insert(1, ("vertex_p95_pct".into(), percentile(errors, 95.0)));
         Ok(out)

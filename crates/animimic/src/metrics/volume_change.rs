@@ -68,7 +68,9 @@ fn boundary_loops(mesh: &Mesh) -> Vec<Vec<[u32; 2]>> {
     let mut open: Vec<[u32; 2]> = Vec::new();
     for group in edges.chunk_by(|a, b| a.0 == b.0) {
         let surplus: i32 = group.iter().map(|e| e.1).sum();
-        open.extend(group.iter().filter(|e| e.1 == surplus.signum()).take(surplus.unsigned_abs() as usize).map(|e| e.2));
+        open.extend(
+            group.iter().filter(|e| e.1 == surplus.signum()).take(surplus.unsigned_abs() as usize).map(|e| e.2),
+        );
     }
     let mut root: Vec<u32> = (0..mesh.welded_count as u32).collect();
     fn find(root: &mut [u32], mut i: u32) -> u32 {
