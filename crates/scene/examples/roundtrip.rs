@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = arguments.next().ok_or("usage: roundtrip OUT_DIR MODEL…")?;
     for model in arguments {
         match roundtrip(Path::new(&model), Path::new(&folder)) {
-            Ok(name) => println!("{name}"),
+            Ok(name) => println!("{name}\t{model}"),
             Err(e) => println!("left out: {e}"),
         }
     }

@@ -106,3 +106,30 @@ fn camera_files_and_archives_of_every_case_read() {
         }
     }
 }
+
+#[test]
+fn our_kinematics_follow_the_recorded_truth_of_every_case() {
+    // The truth's first frame was recorded by three.js from the pose that static.glb stands in, and is rounded to 2⁻¹⁸ of the diagonal.
+    let Some(root) = shared() else { return };
+    let mut compared = 0;
+    for path in files(&root.join("gt"), &["glb"]) {
+        let archive = io::npz::read(path.with_file_name("gt.npz")).unwrap();
+        let unique = archive.need("verts_unique").unwrap();
+        let index = archive.need("vert_to_unique").unwrap().to_f64();
+        let first: Vec<f64> = unique.to_f64().into_iter().take(unique.shape[1] * 3).collect();
+        let asset = io::read(&path).unwrap();
+        assert_eq!(asset.mesh.positions.len(), index.len());
+        let worst = asset
+            .mesh
+            .positions
+            .iter()
+            .zip(&index)
+            .map(|(p, &i)| p.distance(glam::DVec3::from_slice(&first[3 * i as usize..][..3])))
+            .fold(0.0, f64::max)
+            / asset.mesh.diagonal();
+        println!("{}: {worst:.2e} of the diagonal", path.display());
+        assert!(worst < 1e-5, "{}: {worst}", path.display());
+        compared += 1;
+    }
+    assert!(compared >= 28, "{compared}");
+}

@@ -8,6 +8,7 @@ mod container;
 mod geometry;
 mod json;
 mod look;
+mod meshopt;
 mod nodes;
 mod write;
 
