@@ -128,11 +128,9 @@ fn gather(
     mask: Option<&Mask>,
 ) -> Vec<LightSample> {
     let usable = inside_both(raster, mask);
-    let posed = Posed {
-        surface,
-        screen: project(camera, positions),
-        normals: posed_normals(&surface.normals, positions, &surface.triangles),
-    };
+    let screen = project(camera, positions);
+    let normals = posed_normals(&surface.normals, positions, &surface.triangles);
+    let posed = Posed { surface, screen: &screen, normals: &normals };
     let mut samples = Vec::new();
     for y in 0..raster.height {
         posed.each_fragment(raster, y, |x, f| {

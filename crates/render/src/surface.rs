@@ -2,6 +2,7 @@
 
 use crate::error::RenderError;
 use crate::normals::NormalRecipe;
+use crate::silhouette::Topology;
 use crate::texture::MipTexture;
 use animimic_scene::{AlphaMode, Look, Mesh};
 
@@ -24,6 +25,8 @@ pub struct Surface {
     pub normals: NormalRecipe,
     /// Per triangle: hidden from behind (single-sided looks); empty when no triangle is.
     pub cull_back: Vec<bool>,
+    /// Joined vertices and open borders.
+    pub topology: Topology,
     /// Whether any look has alpha cutouts.
     pub has_cutouts: bool,
 }
@@ -73,6 +76,7 @@ impl Surface {
             uvs: mesh.uvs.iter().map(|uv| [uv.x as f32, uv.y as f32]).collect(),
             colors: mesh.colors.clone(),
             normals: NormalRecipe::new(mesh),
+            topology: Topology::new(mesh),
             cull_back: if cull_back.contains(&true) { cull_back } else { Vec::new() },
         })
     }

@@ -186,6 +186,51 @@ struct Corners {
     stepped: bool,
 }
 
+/// ∂L/∂(linear texel) for all levels of a texture.
+#[derive(Clone, Debug, Default)]
+pub struct TexelAdjoint {
+    /// Cotangents \[level\]\[texel\].
+    levels: Vec<Vec<[f32; 3]>>,
+}
+
+impl TexelAdjoint {
+    /// Zeros for a texture; nothing for no texture.
+    pub fn new(texture: Option<&MipTexture>) -> Self {
+        let levels = texture.map_or(Vec::new(), |t| t.levels.iter().map(|l| vec![[0.0; 3]; l.texels.len()]).collect());
+        Self { levels }
+    }
+
+    /// Adjoint of one lookup.
+    pub fn add(&mut self, taps: [Tap; 8], d_rgb: [f32; 3]) {
+        for tap in taps.iter().filter(|t| t.weight != 0.0) {
+            let d = &mut self.levels[tap.level as usize][tap.texel as usize];
+            (0..3).for_each(|c| d[c] += tap.weight * d_rgb[c]);
+        }
+    }
+
+    /// Adjoint of the mip levels as means of each other: ∂L/∂(linear texel) of the texture itself. The rounding of each level
+    /// to 8 bits counts as the identity.
+    pub fn collapsed(mut self, texture: &MipTexture) -> Vec<[f32; 3]> {
+        while self.levels.len() > 1 {
+            let Some(coarse) = self.levels.pop() else { break };
+            let fine = self.levels.len() - 1;
+            let (level, next) = (&texture.levels[fine], &texture.levels[fine + 1]);
+            for (cell, d) in coarse.iter().enumerate() {
+                for texel in quad(level, cell % next.width, cell / next.width) {
+                    (0..3).for_each(|c| self.levels[fine][texel][c] += 0.25 * d[c]);
+                }
+            }
+        }
+        self.levels.pop().unwrap_or_default()
+    }
+}
+
+/// The four texels under a texel of the next level (repeated where the level is one texel thin).
+fn quad(level: &Level, x: usize, y: usize) -> [usize; 4] {
+    [(0, 0), (1, 0), (0, 1), (1, 1)]
+        .map(|(dx, dy)| (2 * y + dy).min(level.height - 1) * level.width + (2 * x + dx).min(level.width - 1))
+}
+
 /// The next mip level: means of 2×2 texels in linear light.
 fn halved(level: &Level) -> Option<Level> {
     if level.width == 1 && level.height == 1 {
@@ -196,9 +241,8 @@ fn halved(level: &Level) -> Option<Level> {
     for y in 0..height {
         for x in 0..width {
             let mut sum = [0.0f32; 4];
-            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                let (x, y) = ((2 * x + dx).min(level.width - 1), (2 * y + dy).min(level.height - 1));
-                let [r, g, b, a] = level.texels[y * level.width + x];
+            for texel in quad(level, x, y) {
+                let [r, g, b, a] = level.texels[texel];
                 let linear = [LINEAR[r as usize], LINEAR[g as usize], LINEAR[b as usize], f32::from(a) / 255.0];
                 (0..4).for_each(|c| sum[c] += 0.25 * linear[c]);
             }
