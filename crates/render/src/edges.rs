@@ -89,7 +89,7 @@ impl Edges<'_> {
             let sign = if ta == NONE { -1.0 } else { 1.0 };
             let mask = if self.d.mask.is_empty() { 0.0 } else { 0.5 * sign * (self.d.mask[a] + self.d.mask[b]) };
             let g = mask + self.color_step(a, b);
-            return self.scatter(if ta == NONE { b } else { a }, axis, g);
+            return if ta == NONE { self.scatter(b, axis, -1.0, g) } else { self.scatter(a, axis, 1.0, g) };
         }
         if self.d.rgb.is_empty() {
             return;
@@ -101,12 +101,12 @@ impl Edges<'_> {
             self.classify(a, b, axis, joined)
         };
         match step {
-            Step::First => self.scatter(a, axis, self.color_step(a, b)),
-            Step::Second => self.scatter(b, axis, self.color_step(a, b)),
+            Step::First => self.scatter(a, axis, 1.0, self.color_step(a, b)),
+            Step::Second => self.scatter(b, axis, -1.0, self.color_step(a, b)),
             Step::Continuous => {
                 let g = 0.5 * self.jump(a, b, axis);
-                self.scatter(a, axis, g);
-                self.scatter(b, axis, g);
+                self.scatter(a, axis, 1.0, g);
+                self.scatter(b, axis, -1.0, g);
             }
             Step::Intersection => {}
         }
@@ -199,27 +199,43 @@ impl Edges<'_> {
         self.posed.surface.triangles[triangle as usize].map(|v| self.posed.screen[v as usize])
     }
 
-    /// Adjoint of the screen position of the surface point under a pixel, along one axis.
-    fn scatter(&mut self, pixel: usize, axis: Axis, g: f32) {
+    /// Adjoint of the place of a step: the point where the line from the centre of `pixel`, which shows the surface in front,
+    /// towards its neighbour (`toward` = ±1 along the axis) leaves the triangle, at most at the neighbour's centre.
+    fn scatter(&mut self, pixel: usize, axis: Axis, toward: f64, g: f32) {
         if g == 0.0 {
             return;
         }
         let raster = &self.rendered.raster;
-        let corners = self.posed.surface.triangles[raster.triangle[pixel] as usize];
-        let (b, q) = (raster.weights(pixel), f64::from(raster.inv_z[pixel]));
-        for (v, b) in corners.into_iter().zip(b) {
-            let vertex_q = self.posed.screen[v as usize].q;
-            if vertex_q <= 0.0 {
-                continue;
-            }
-            let share = f64::from(b) * q / vertex_q * f64::from(g);
+        let triangle = raster.triangle[pixel];
+        let p = self.points(triangle);
+        let Some(lambda) = affine_at_exit(&p, centre(raster, pixel), axis, toward) else { return };
+        let corners = self.posed.surface.triangles[triangle as usize];
+        for (v, l) in corners.into_iter().zip(lambda) {
             let d = &mut self.d_screen[v as usize];
             match axis {
-                Axis::X => d.x += share,
-                Axis::Y => d.y += share,
+                Axis::X => d.x += l * f64::from(g),
+                Axis::Y => d.y += l * f64::from(g),
             }
         }
     }
+}
+
+/// Affine weights where a step leaves a triangle; `None` for triangles that are edge-on or reach behind the camera.
+fn affine_at_exit(p: &[ScreenPoint; 3], (x, y): (f32, f32), axis: Axis, toward: f64) -> Option<[f64; 3]> {
+    let (ax, ay, bx, by) = (p[0].x - p[2].x, p[0].y - p[2].y, p[1].x - p[2].x, p[1].y - p[2].y);
+    let inv = 1.0 / (ax * by - bx * ay);
+    if !inv.is_finite() || p.iter().any(|p| p.q <= 0.0) {
+        return None;
+    }
+    let (dx, dy) = (f64::from(x) - p[2].x, f64::from(y) - p[2].y);
+    let (l0, l1) = ((dx * by - dy * bx) * inv, (dy * ax - dx * ay) * inv);
+    let (s0, s1) = match axis {
+        Axis::X => (by * inv * toward, -ay * inv * toward),
+        Axis::Y => (-bx * inv * toward, ax * inv * toward),
+    };
+    let (l, s) = ([l0, l1, 1.0 - l0 - l1], [s0, s1, -s0 - s1]);
+    let exit = (0..3).filter(|&i| s[i] < 0.0).map(|i| (l[i] / -s[i]).max(0.0)).fold(1.0, f64::min);
+    Some([0, 1, 2].map(|i| l[i] + exit * s[i]))
 }
 
 fn centre(raster: &Raster, pixel: usize) -> (f32, f32) {
