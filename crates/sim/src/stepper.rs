@@ -7,7 +7,7 @@ use crate::assembly::{self, Medium, Scratch};
 use crate::body::{Body, signed_volume};
 use crate::elasticity::Elasticity;
 use crate::element::Lame;
-use crate::error::SimError;
+use crate::error::{SimError, check_len};
 use crate::filter::Eigenvalues;
 use crate::settings::{Settings, State};
 use animimic_math::sparse::krylov::{Ended, conjugate_gradients};
@@ -183,8 +183,20 @@ impl<'a> Stepper<'a> {
         (ratio as usize).clamp(2, 12)
     }
 
+    /// Kinetic and elastic energy of a state [J]; gravity's potential is not included.
+    pub fn energy(&mut self, state: &State) -> Result<f64, SimError> {
+        check_len("positions", state.positions.len(), self.mass.len())?;
+        check_len("velocities", state.velocities.len(), self.mass.len())?;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let medium = Medium { damper: None, ..self.medium(&state.positions) };
+        let elastic = assembly::energy(&medium, &state.positions, &mut scratch);
+        self.scratch = scratch;
+        let kinetic: f64 = self.mass.iter().zip(&state.velocities).map(|(m, v)| 0.5 * m * v.length_squared()).sum();
+        Ok(kinetic + elastic)
+    }
+
     /// Tets with det F ≤ 0.
-    pub(crate) fn count_inverted(&self, y: &[DVec3]) -> usize {
+    pub fn count_inverted(&self, y: &[DVec3]) -> usize {
         self.body.tets.iter().filter(|t| signed_volume(y, t) <= 0.0).count()
     }
 }

@@ -149,3 +149,6 @@ macro_rules! with_model {
     };
 }
 pub(crate) use with_model;
+
+#[cfg(test)]
+mod tests;
