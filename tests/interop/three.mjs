@@ -9,6 +9,8 @@ globalThis.createImageBitmap = async () => ({ width: 1, height: 1, close() {} })
 const THREE = await import('three');
 const { GLTFLoader } = await import('three/examples/jsm/loaders/GLTFLoader.js');
 
+const { MeshoptDecoder } = await import('three/examples/jsm/libs/meshopt_decoder.module.js');
+
 const TOLERANCE = 1e-4;
 
 function vertices(gltf, mesh_nodes) {
@@ -28,7 +30,7 @@ function vertices(gltf, mesh_nodes) {
 async function check(folder, name) {
   const bytes = readFileSync(join(folder, `${name}.glb`));
   const buffer = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length);
-  const gltf = await new GLTFLoader().parseAsync(buffer, '');
+  const gltf = await new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).parseAsync(buffer, '');
   const expected = JSON.parse(readFileSync(join(folder, `${name}.json`)));
   const found = [];
   gltf.scene.traverse((object) => {

@@ -170,11 +170,6 @@ impl<'a> Document<'a> {
         Ok(Numbers { width, values })
     }
 
-    /// Element count and component width of accessor `from`, without reading it.
-    pub fn count(&self, from: &Place) -> Result<usize, SceneError> {
-        self.root.element("accessors", from.usize()?, from)?.need("count")?.usize()
-    }
-
     fn packed(
         &self,
         accessor: &Place,

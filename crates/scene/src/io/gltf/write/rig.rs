@@ -14,6 +14,8 @@ use std::ops::Range;
 
 /// Influences per vertex that every importer reads.
 const INFLUENCES: usize = 4;
+/// Weights are multiples of 1/GRID, which f32 adds up to 1 without rounding in any order.
+const GRID: f64 = 8_388_608.0;
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
@@ -225,12 +227,12 @@ fn four(skin: &Skin, list: &[Influence]) -> ([u16; 4], [f32; 4]) {
     let sum: f64 = merged.iter().map(|p| p.1).sum();
     let (mut joints, mut weights) = ([0u16; 4], [0.0f32; 4]);
     for (k, (joint, weight)) in merged.iter().enumerate() {
-        weights[k] = (weight / sum) as f32;
+        weights[k] = ((weight / sum * GRID).round() / GRID) as f32;
         if weights[k] > 0.0 {
             joints[k] = *joint as u16;
         }
     }
-    // Rounding is taken up by the largest.
+    // Rounding is taken up by the largest; on the grid all of these sums are exact.
     weights[0] = 1.0 - (weights[1] + weights[2] + weights[3]);
     (joints, weights)
 }
