@@ -22,6 +22,7 @@ use crate::raster::{NONE, Raster};
 use crate::render::{Cotangents, Rendered};
 use crate::shade::{Lit, Posed};
 use crate::silhouette::silhouette_triangles;
+use crate::srgb::Encoder;
 
 /// Adds the edges' ∂L/∂screen points (x and y; depth has no edges).
 pub(crate) fn edges_vjp(
@@ -37,7 +38,7 @@ pub(crate) fn edges_vjp(
     let surface = posed.surface;
     let silhouette = silhouette_triangles(&surface.topology, &surface.triangles, posed.screen);
     let raster = &rendered.raster;
-    let mut edges = Edges { posed, light, rendered, d, silhouette, d_screen };
+    let mut edges = Edges { posed, light, rendered, d, silhouette, encoder: Encoder::new(), d_screen };
     let w = raster.width;
     for (y, row) in raster.triangle.chunks_exact(w.max(1)).enumerate() {
         for (x, pair) in row.windows(2).enumerate() {
@@ -78,6 +79,7 @@ struct Edges<'a> {
     rendered: &'a Rendered,
     d: &'a Cotangents<'a>,
     silhouette: Vec<bool>,
+    encoder: Encoder,
     d_screen: &'a mut [ScreenPoint],
 }
 
@@ -154,7 +156,7 @@ impl Edges<'_> {
         let weights = corners.weights.as_ref()?;
         let [b0, b1] = weights.at(x, y);
         let fragment = corners.fragment([b0, b1, 1.0 - b0 - b1], weights.inverse_depth(x, y));
-        Some(Lit::new(self.light, &fragment).encoded)
+        Some(self.encoder.encode_rgb(Lit::new(self.light, &fragment).linear))
     }
 
     fn share_corner(&self, ta: u32, tb: u32) -> bool {

@@ -54,6 +54,7 @@ impl Weights {
     }
 
     /// Weights of the first and second vertex at a screen position.
+    #[inline]
     pub fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let (dx, dy) = (x - self.x, y - self.y);
         let inv = 1.0 / (self.q[0] + self.q[1] * dx + self.q[2] * dy);
@@ -61,11 +62,13 @@ impl Weights {
     }
 
     /// Inverse depth Q at a screen position.
+    #[inline]
     pub fn inverse_depth(&self, x: f32, y: f32) -> f32 {
         self.q[0] + self.q[1] * (x - self.x) + self.q[2] * (y - self.y)
     }
 
     /// ∂b0 and ∂b1 along x and y at a position where the weights are `b` and inverse depth is `q`: `[b0 or b1][x or y]`.
+    #[inline]
     pub fn slopes(&self, b: [f32; 2], q: f32) -> [[f32; 2]; 2] {
         let inv = 1.0 / q;
         let along = |s: [f32; 2], b: f32| [(s[0] - b * self.q[1]) * inv, (s[1] - b * self.q[2]) * inv];
@@ -78,6 +81,7 @@ impl Weights {
     }
 
     /// Affine screen weights λᵢ = bᵢ Q / qᵢ.
+    #[inline]
     pub fn affine(&self, b: [f32; 3], q: f32) -> [f32; 3] {
         [0, 1, 2].map(|i| b[i] * q * self.z[i])
     }
@@ -87,6 +91,7 @@ impl Weights {
     ///
     /// With g̃ᵢ = d_bᵢ − Σ bₖ d_bₖ: ∂L/∂λᵢ = qᵢ(g̃ᵢ/Q + d_q), ∂L/∂qᵢ = λᵢ(g̃ᵢ/Q + d_q); a vertex moving by δ carries the affine
     /// weights along, δλᵢ = −λⱼ ∇λᵢ·δ.
+    #[inline]
     pub fn at_vjp(&self, b: [f32; 3], q: f32, d_b: [f32; 3], d_q: f32, out: &mut DCorners) {
         let mean = b[0] * d_b[0] + b[1] * d_b[1] + b[2] * d_b[2];
         let inv = 1.0 / q;

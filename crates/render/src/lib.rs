@@ -32,7 +32,7 @@ pub use crate::picture::{Background, render_image};
 pub use crate::project::{DCamera, ScreenPoint, project, project_vjp};
 pub use crate::pyramid::{PyramidLevel, pyramid, pyramid_vjp};
 pub use crate::raster::{NONE, Raster, rasterize, rasterize_parallel};
-pub use crate::render::{Cotangents, Gradients, Rendered, render, render_vjp};
+pub use crate::render::{Cotangents, Gradients, Rendered, render, render_into, render_vjp};
 pub use crate::shade::{rasterize_surface, shade};
 pub use crate::solve_light::{solve_exposure, solve_light};
 pub use crate::surface::Surface;

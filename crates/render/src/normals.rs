@@ -27,6 +27,12 @@ pub struct NormalRecipe {
     edge: Vec<[u32; 2]>,
 }
 
+impl Default for Normals {
+    fn default() -> Self {
+        Self::Flat(Vec::new())
+    }
+}
+
 /// Normals of a pose.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Normals {

@@ -43,6 +43,17 @@ pub struct Raster {
 }
 
 impl Raster {
+    /// An empty raster of a size.
+    fn reset(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.triangle.clear();
+        self.triangle.resize(width * height, NONE);
+        self.inv_z.clear();
+        self.inv_z.resize(width * height, 0.0);
+        self.bary.clear();
+        self.bary.resize(width * height, [0.0; 2]);
+    }
+
     /// Whether the pixel shows a triangle.
     pub fn covered(&self, pixel: usize) -> bool {
         self.triangle[pixel] != NONE
@@ -97,19 +108,29 @@ pub fn rasterize_projected(
     cutout: Option<Cutout>,
     parallel: bool,
 ) -> Raster {
+    let mut raster = Raster::default();
+    rasterize_into(camera, positions, screen, triangles, facing, cutout, parallel, &mut raster);
+    raster
+}
+
+/// [`rasterize_projected`] into an earlier raster, whose memory is used again.
+pub fn rasterize_into(
+    camera: &Camera,
+    positions: &[DVec3],
+    screen: &[ScreenPoint],
+    triangles: &[[u32; 3]],
+    facing: Facing,
+    cutout: Option<Cutout>,
+    parallel: bool,
+    raster: &mut Raster,
+) {
     let (width, height) = (camera.width as usize, camera.height as usize);
+    raster.reset(width, height);
     let stride = width.next_multiple_of(LANES);
     let setups = setup_all(camera, positions, screen, triangles, facing, width, height);
     let geometry = Geometry { camera, positions, screen, triangles };
-    let mut raster = Raster {
-        width,
-        height,
-        triangle: vec![NONE; width * height],
-        inv_z: vec![0.0; width * height],
-        bary: vec![[0.0; 2]; width * height],
-    };
     if width == 0 || height == 0 || setups.is_empty() {
-        return raster;
+        return;
     }
     let band = if parallel { BAND_ROWS } else { height };
     let bins = bin(&setups, band, height);
@@ -120,12 +141,7 @@ pub fn rasterize_projected(
         let rows = Rows { first: index * band, width, stride };
         draw_band(&geometry, &setups, bin, &rows, cutout, triangle, inv_z, bary);
     };
-    if parallel {
-        work.into_par_iter().for_each(run)
-    } else {
-        work.into_iter().for_each(run)
-    }
-    raster
+    if parallel { work.into_par_iter().for_each(run) } else { work.into_iter().for_each(run) }
 }
 
 /// A band's triangle, inverse depth and weight rows, and the setups that touch it.

@@ -8,8 +8,8 @@ use crate::interpolate::Weights;
 use crate::light::{Light, irradiance, irradiance_vjp};
 use crate::normals::{Normals, posed_normals};
 use crate::project::{ScreenPoint, project};
-use crate::raster::{Facing, NONE, Raster, rasterize_projected};
-use crate::srgb::{encode, encode_slope};
+use crate::raster::{Facing, NONE, Raster, rasterize_into};
+use crate::srgb::{Encoder, encode_slope};
 use crate::surface::{Surface, SurfaceLook};
 use crate::texture::{MipTexture, Sample, TexelAdjoint};
 use animimic_scene::Camera;
@@ -21,21 +21,24 @@ use rayon::prelude::*;
 /// # Panics
 /// When `positions` does not have the surface's number of vertices.
 pub fn rasterize_surface(camera: &Camera, surface: &Surface, positions: &[DVec3], parallel: bool) -> Raster {
-    rasterize_screen(camera, surface, positions, &project(camera, positions), parallel)
+    let mut raster = Raster::default();
+    rasterize_screen_into(camera, surface, positions, &project(camera, positions), parallel, &mut raster);
+    raster
 }
 
-pub(crate) fn rasterize_screen(
+pub(crate) fn rasterize_screen_into(
     camera: &Camera,
     surface: &Surface,
     positions: &[DVec3],
     screen: &[ScreenPoint],
     parallel: bool,
-) -> Raster {
+    raster: &mut Raster,
+) {
     assert_eq!(positions.len(), surface.vertex_count, "positions belong to another surface");
     let facing = Facing { cull_back: &surface.cull_back };
     let keep = |triangle: u32, b: [f32; 3]| kept(surface, triangle, b);
     let cutout: Option<crate::raster::Cutout> = if surface.has_cutouts { Some(&keep) } else { None };
-    rasterize_projected(camera, positions, screen, &surface.triangles, facing, cutout, parallel)
+    rasterize_into(camera, positions, screen, &surface.triangles, facing, cutout, parallel, raster);
 }
 
 fn kept(surface: &Surface, triangle: u32, b: [f32; 3]) -> bool {
@@ -46,6 +49,7 @@ fn kept(surface: &Surface, triangle: u32, b: [f32; 3]) -> bool {
     look.alpha * texel >= cutoff
 }
 
+#[inline(always)]
 fn mix<const N: usize>(b: [f32; 3], c: [[f32; N]; 3]) -> [f32; N] {
     std::array::from_fn(|k| b[0] * c[0][k] + b[1] * c[1][k] + b[2] * c[2][k])
 }
@@ -63,19 +67,27 @@ pub fn shade(
 ) -> Vec<[f32; 3]> {
     let screen = project(camera, positions);
     let normals = posed_normals(&surface.normals, positions, &surface.triangles);
-    shade_posed(&Posed { surface, screen: &screen, normals: &normals }, raster, light, background, parallel)
+    let mut rgb = Vec::new();
+    let posed = Posed { surface, screen: &screen, normals: &normals };
+    shade_into(&posed, raster, light, background, parallel, &mut rgb);
+    rgb
 }
 
-pub(crate) fn shade_posed(
+pub(crate) fn shade_into(
     posed: &Posed,
     raster: &Raster,
     light: &Light,
     background: [f32; 3],
     parallel: bool,
-) -> Vec<[f32; 3]> {
-    let mut rgb = vec![background; raster.triangle.len()];
+    rgb: &mut Vec<[f32; 3]>,
+) {
+    rgb.clear();
+    rgb.resize(raster.triangle.len(), background);
+    let encoder = Encoder::new();
     let row = |(y, out): (usize, &mut [[f32; 3]])| {
-        posed.each_fragment(raster, y, |x, fragment| out[x] = Lit::new(light, &fragment).encoded);
+        posed.each_fragment(raster, y, |x, fragment| {
+            out[x] = encoder.encode_rgb(Lit::new(light, &fragment).linear);
+        });
     };
     let width = raster.width.max(1);
     if parallel {
@@ -83,7 +95,6 @@ pub(crate) fn shade_posed(
     } else {
         rgb.chunks_mut(width).enumerate().for_each(row);
     }
-    rgb
 }
 
 /// A surface in a pose, seen from a camera.
@@ -180,6 +191,7 @@ impl Fragment<'_> {
 
 impl<'a> Corners<'a> {
     /// The fragment with weights `b` and inverse depth `q`.
+    #[inline]
     pub fn fragment(&self, b: [f32; 3], q: f32) -> Fragment<'a> {
         let look = self.look;
         let color = mix(b, self.color);
@@ -211,18 +223,20 @@ impl<'a> Corners<'a> {
         texture.level_of_detail(along(0), along(1))
     }
 
-    /// Adjoint of [`Corners::fragment`] followed by [`Lit::new`]: `d_rgb` = ∂L/∂(encoded colour) → ∂L/∂b, with ∂L/∂(corner
+    /// Adjoint of [`Corners::fragment`] followed by [`Lit::new`] and the encoding to `encoded`: `d_rgb` = ∂L/∂(encoded colour) → ∂L/∂b, with ∂L/∂(corner
     /// normals, viewer's side), ∂L/∂light and ∂L/∂texels added to `out`. The level of detail is held fixed.
+    #[inline]
     pub fn fragment_vjp(
         &self,
         b: [f32; 3],
         f: &Fragment,
-        lit: &Lit,
         light: &Light,
+        encoded: [f32; 3],
         d_rgb: [f32; 3],
         out: &mut ShadeAdjoint,
     ) -> [f32; 3] {
-        let d_linear = [0, 1, 2].map(|c| d_rgb[c] * encode_slope(lit.linear[c], lit.encoded[c]));
+        let lit = Lit::new(light, f);
+        let d_linear = [0, 1, 2].map(|c| d_rgb[c] * encode_slope(lit.linear[c], encoded[c]));
         let d_albedo = [0, 1, 2].map(|c| d_linear[c] * lit.received[c]);
         let d_color = [0, 1, 2].map(|c| d_albedo[c] * f.texel.rgb[c] * f.look.base[c]);
         let mut d_b = self.color.map(|color| dot(color, d_color));
@@ -252,26 +266,27 @@ impl<'a> Corners<'a> {
     }
 }
 
+#[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// A fragment's colour and what it was made of.
+/// A fragment's light.
 pub(crate) struct Lit {
     /// max(0, E) per channel.
     received: [f32; 3],
-    linear: [f32; 3],
-    /// sRGB-encoded colour.
-    pub encoded: [f32; 3],
+    /// Linear colour, before it is clamped and encoded.
+    pub linear: [f32; 3],
 }
 
 impl Lit {
     /// Lights a fragment.
+    #[inline]
     pub fn new(light: &Light, f: &Fragment) -> Self {
         let received = if f.look.unlit { [1.0; 3] } else { irradiance(light, f.normal).map(|e| e.max(0.0) as f32) };
         let albedo = f.albedo();
         let linear = [0, 1, 2].map(|c| albedo[c] * received[c] + f.look.emissive[c]);
-        Self { received, linear, encoded: linear.map(encode) }
+        Self { received, linear }
     }
 }
 

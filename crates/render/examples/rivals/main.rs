@@ -7,7 +7,7 @@
 mod maskgrad;
 mod quadruped;
 
-use animimic_render::{Cotangents, Light, Rendered, render, render_vjp};
+use animimic_render::{Cotangents, Light, NONE, Rendered, render_into, render_vjp};
 use quadruped::Quadruped;
 use std::path::Path;
 
@@ -20,11 +20,12 @@ fn cpu_ms() -> f64 {
 }
 
 /// Cotangents of mean |rgba|.
-fn mean_abs(rendered: &Rendered) -> (Vec<[f32; 3]>, Vec<f32>) {
+fn mean_abs(rendered: &Rendered, rgb: &mut Vec<[f32; 3]>, mask: &mut Vec<f32>) {
     let share = 1.0 / (4 * rendered.rgb.len()) as f32;
-    let rgb = rendered.rgb.iter().map(|p| p.map(|c| share * c.signum())).collect();
-    let mask = (0..rendered.rgb.len()).map(|p| if rendered.raster.covered(p) { share } else { 0.0 }).collect();
-    (rgb, mask)
+    rgb.clear();
+    rgb.extend(rendered.rgb.iter().map(|p| p.map(|c| share * c.signum())));
+    mask.clear();
+    mask.extend(rendered.raster.triangle.iter().map(|&t| if t == NONE { 0.0 } else { share }));
 }
 
 fn main() {
@@ -39,12 +40,14 @@ fn main() {
             let camera = scene.camera(size);
             let vertices = scene.vertices(&scene.pose(20));
             let light = Light::ambient(1.0);
+            let mut rendered = Rendered::default();
+            let (mut rgb, mut mask) = (Vec::new(), Vec::new());
             let (mut forward, mut backward) = (f64::INFINITY, f64::INFINITY);
             for _ in 0..REPETITIONS {
                 let start = cpu_ms();
-                let rendered = render(&camera, &scene.surface, &vertices, &light, [1.0; 3]);
+                render_into(&camera, &scene.surface, &vertices, &light, [1.0; 3], &mut rendered);
                 let middle = cpu_ms();
-                let (rgb, mask) = mean_abs(&rendered);
+                mean_abs(&rendered, &mut rgb, &mut mask);
                 let d = Cotangents { rgb: &rgb, mask: &mask, depth: &[] };
                 let gradients = render_vjp(&camera, &scene.surface, &vertices, &light, &rendered, &d, false);
                 assert!(gradients.positions.iter().all(|g| g.is_finite()), "gradients are numbers");
