@@ -4,6 +4,7 @@
 #![deny(missing_docs)]
 
 pub mod color;
+pub mod cues;
 mod cut;
 pub mod error;
 pub mod flow;

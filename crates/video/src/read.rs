@@ -12,6 +12,8 @@ use std::path::Path;
 
 /// Pixels of all frames together that are kept in memory [bytes].
 const MAX_VIDEO_BYTES: usize = 8 << 30;
+/// Most frames that are read at once: over five minutes at 30 a second.
+const MAX_FRAMES: usize = 10_000;
 /// Larger share of lost frames is refused.
 const MAX_LOST: f64 = 0.05;
 
@@ -108,6 +110,14 @@ fn read_opened(path: &Path, opened: &dyn Opened, options: &ReadOptions) -> Resul
     }
     if source.len() < 2 {
         return Err(VideoError::invalid(path, "the video has one frame only; a motion needs at least two"));
+    }
+    if source.len() > MAX_FRAMES {
+        let reason = format!(
+            "{} frames ({:.0} s) are more than the {MAX_FRAMES} that are read at once; give a range of frames",
+            source.len(),
+            source.len() as f64 / fps
+        );
+        return Err(VideoError::Limit { path: path.into(), reason });
     }
     let native_size = opened.size();
     let size = working_size(native_size, options.working_height);

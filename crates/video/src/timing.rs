@@ -12,6 +12,8 @@ pub struct Resampling {
 /// A stamp may be off its place on an even grid by this share of the frame interval and still be jitter
 /// (24 fps stamped on a 60 Hz clock is off by up to 0.4).
 const MAX_JITTER: f64 = 0.45;
+/// Stamps can claim any length; no more output frames than this are made of them.
+const MAX_FRAMES: usize = 1_000_000;
 /// Frame rates within this factor of the limit are not reduced (30.003 is 30).
 const RATE_SLACK: f64 = 1.02;
 
@@ -34,7 +36,7 @@ pub fn resample(times_secs: &[f64], max_fps: f64) -> Resampling {
     let typical = intervals[intervals.len() / 2];
     let fps = nominal_rate(1.0 / typical).min(max_fps);
     let end = times_secs[n - 1] + typical;
-    let count = ((end * fps).round() as usize).max(1);
+    let count = ((end * fps).round() as usize).clamp(1, MAX_FRAMES);
     let source = (0..count)
         .map(|k| {
             let middle = (k as f64 + 0.5) / fps;

@@ -2,11 +2,26 @@
 //!
 //! A new format is one file with a type that implements [`Format`], and one word in [`FORMATS`].
 
+pub mod atomic;
+pub mod camera_json;
 pub mod error;
 pub mod gltf;
-pub(crate) mod picture;
+mod mtl;
+pub mod npz;
+pub mod obj;
+pub mod off;
+mod orphans;
+mod picture;
+mod plain;
+pub mod ply;
+mod polygon;
+pub mod puppeteer;
+pub mod rig_txt;
+pub mod stl;
+mod text;
 pub mod weld;
 
+pub use atomic::write_atomically;
 pub use error::SceneError;
 
 use crate::Asset;
@@ -42,7 +57,7 @@ pub trait Format: Sync {
 }
 
 /// All formats, in the order of `animimic list formats`.
-const FORMATS: &[&dyn Format] = &[&gltf::Gltf];
+const FORMATS: &[&dyn Format] = &[&gltf::Gltf, &obj::Obj, &off::Off, &stl::Stl, &ply::Ply];
 
 /// All readable formats.
 pub fn formats() -> &'static [&'static dyn Format] {
@@ -63,6 +78,9 @@ pub fn read(path: impl AsRef<Path>) -> Result<Asset, SceneError> {
 /// [`SceneError`] with the file's name, the place in it, and what is wrong there.
 pub fn read_with(path: impl AsRef<Path>, options: &ReadOptions) -> Result<Asset, SceneError> {
     let path = path.as_ref();
+    if path.is_dir() {
+        return puppeteer::read(path, options);
+    }
     let bytes = load(path)?;
     read_bytes(bytes, path, options)
 }

@@ -42,3 +42,21 @@ pub fn decode(bytes: &[u8]) -> Result<(Image, Vec<u8>), String> {
     }
     Ok((Image { width: rgba.width() as usize, height: rgba.height() as usize, rgb }, alpha))
 }
+
+/// A PNG of a picture; `alpha` empty means opaque.
+///
+/// # Errors
+/// One clause saying why it could not be encoded.
+pub fn encode_png(image: &Image, alpha: &[u8]) -> Result<Vec<u8>, String> {
+    let mut out = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut out);
+    let (width, height) = (image.width as u32, image.height as u32);
+    let (bytes, kind): (Vec<u8>, _) = if alpha.is_empty() {
+        (image.rgb.concat(), image::ExtendedColorType::Rgb8)
+    } else {
+        let rgba = image.rgb.iter().zip(alpha).flat_map(|(c, &a)| [c[0], c[1], c[2], a]);
+        (rgba.collect(), image::ExtendedColorType::Rgba8)
+    };
+    image::ImageEncoder::write_image(encoder, &bytes, width, height, kind).map_err(|e| e.to_string())?;
+    Ok(out)
+}

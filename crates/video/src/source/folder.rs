@@ -32,7 +32,7 @@ impl Source for Folder {
                 files.push(file);
             }
         }
-        files.sort_by_cached_key(|f| natural_key(&f.file_name().unwrap_or_default().to_string_lossy()));
+        sort_naturally(&mut files);
         let first =
             files.first().ok_or_else(|| VideoError::invalid(path, "the folder holds no PNG, JPEG or WebP frames"))?;
         let (w, h) = image::image_dimensions(first)
@@ -92,6 +92,11 @@ fn read_frame(file: &Path, size: (usize, usize)) -> Result<Picture> {
         return Err(VideoError::invalid(file, reason));
     }
     Ok(picture_from_image(image))
+}
+
+/// Sorts by file name, numbers by value.
+pub fn sort_naturally(files: &mut [PathBuf]) {
+    files.sort_by_cached_key(|f| natural_key(&f.file_name().unwrap_or_default().to_string_lossy()));
 }
 
 /// Splits a name into text and numbers, so that numbers compare by value.

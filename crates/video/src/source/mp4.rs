@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 const MAX_FILE_BYTES: u64 = 2 << 30;
 /// Largest number of samples that a file may promise: nine hours at 30 frames a second.
 const MAX_SAMPLES: u64 = 1_000_000;
+/// After this many lost frames decoding ends: the file is hopeless, its length a claim.
+const MAX_LOST_IN_A_FILE: usize = 2_000;
 /// Pictures converted to RGB at a time, in parallel.
 const BATCH: usize = 16;
 
@@ -136,6 +138,41 @@ impl Movie {
     }
 }
 
+/// Boxes that hold boxes, on the way to what `re_mp4` reads.
+const CONTAINERS: [&[u8; 4]; 9] = [b"moov", b"trak", b"mdia", b"minf", b"stbl", b"edts", b"mvex", b"moof", b"traf"];
+
+fn be32(data: &[u8], at: usize) -> Option<u64> {
+    data.get(at..at + 4).map(|b| u64::from(u32::from_be_bytes([b[0], b[1], b[2], b[3]])))
+}
+
+/// Walks the boxes in `from..to`: each must have a header and end inside its parent. `re_mp4` trusts their sizes and can
+/// loop for ever on sizes that lead it backwards.
+fn check_nesting(path: &Path, data: &[u8], from: usize, to: usize, depth: usize) -> Result<()> {
+    let mut at = from;
+    while at + 8 <= to {
+        let kind: &[u8] = &data[at + 4..at + 8];
+        let size = match be32(data, at) {
+            Some(0) if depth == 0 => (to - at) as u64,
+            Some(1) => (be32(data, at + 8).unwrap_or(0) << 32) | be32(data, at + 12).unwrap_or(0),
+            size => size.unwrap_or(0),
+        };
+        let end = (at as u64).saturating_add(size);
+        let is_data = depth == 0 && kind == b"mdat";
+        if size < 8 || (end > to as u64 && !is_data) {
+            let name: String = kind.iter().map(|&b| if b.is_ascii_graphic() { b as char } else { '?' }).collect();
+            let reason = format!(
+                "the box {name:?} at byte {at} of the MP4 claims {size} bytes, its place ends at byte {to}; record or download it again"
+            );
+            return Err(VideoError::invalid(path, reason));
+        }
+        if depth < 8 && CONTAINERS.iter().any(|c| c[..] == *kind) {
+            check_nesting(path, data, at + 8, end as usize, depth + 1)?;
+        }
+        at = end.min(to as u64) as usize;
+    }
+    Ok(())
+}
+
 /// Bounds the counts that `re_mp4` trusts, before it allocates by them.
 fn check_boxes(path: &Path, data: &[u8]) -> Result<()> {
     let find = |kind: &[u8; 4]| data.windows(4).position(|w| w == kind);
@@ -148,7 +185,8 @@ fn check_boxes(path: &Path, data: &[u8]) -> Result<()> {
             ),
         ));
     }
-    let count_at = |at: usize| data.get(at..at + 4).map(|b| u64::from(u32::from_be_bytes([b[0], b[1], b[2], b[3]])));
+    check_nesting(path, data, 0, data.len(), 0)?;
+    let count_at = |at: usize| be32(data, at);
     for (kind, offset) in [(b"stsz", 12), (b"trun", 8)] {
         let mut from = 0;
         while let Some(at) = data[from..].windows(4).position(|w| w == kind).map(|p| p + from) {
@@ -300,7 +338,12 @@ impl Opened for Movie {
             let picture = pictures.next(sample)?;
             let Some(i) = sample.shown_as else { continue };
             report.promised += 1;
-            let Some(yuv) = picture else { continue };
+            let Some(yuv) = picture else {
+                if report.promised - report.sound > MAX_LOST_IN_A_FILE {
+                    break;
+                }
+                continue;
+            };
             report.sound += 1;
             if wanted(i) {
                 batch.push((i, yuv));

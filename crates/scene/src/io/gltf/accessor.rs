@@ -1,9 +1,12 @@
 //! Accessors, checked against their buffer views before anything is allocated.
 
 use super::json::Place;
+use super::meshopt;
 use crate::io::SceneError;
 use serde_json::Value;
 
+/// Names of the compression extension: by vendor, and as ratified.
+pub(crate) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 /// Elements of an accessor that has no buffer view behind it (zeros, or sparse values only).
 const MAX_ZERO_ELEMENTS: usize = 1 << 24;
 
@@ -102,9 +105,21 @@ fn width_of(kind: &Place) -> Result<usize, SceneError> {
 impl<'a> Document<'a> {
     /// Wraps a loaded document and decompresses its buffer views.
     pub fn new(json: &'a Value, buffers: &'a [Vec<u8>]) -> Result<Self, SceneError> {
-        let root = Place::root(json);
-        let views = root.len_of("bufferViews");
-        Ok(Self { root, buffers, decompressed: vec![None; views] })
+        let mut document = Self::plain(json, buffers);
+        for view in document.root.list("bufferViews")? {
+            let extension = MESHOPT.iter().find_map(|name| view.path(&["extensions", name]));
+            let decoded = match extension {
+                Some(extension) => Some(meshopt::decode(&extension, document.slice(&extension)?)?),
+                None => None,
+            };
+            document.decompressed.push(decoded);
+        }
+        Ok(document)
+    }
+
+    /// Wraps a document whose buffers are not needed.
+    pub fn plain(json: &'a Value, buffers: &'a [Vec<u8>]) -> Self {
+        Self { root: Place::root(json), buffers, decompressed: Vec::new() }
     }
 
     /// The bytes of a buffer view; `from` is the place that refers to it.
@@ -112,7 +127,11 @@ impl<'a> Document<'a> {
         if let Some(Some(bytes)) = self.decompressed.get(index) {
             return Ok(bytes);
         }
-        let view = self.root.element("bufferViews", index, from)?;
+        self.slice(&self.root.element("bufferViews", index, from)?)
+    }
+
+    /// The bytes that a buffer view (or a compressed view's extension) names.
+    fn slice(&self, view: &Place) -> Result<&'a [u8], SceneError> {
         let buffer_index = view.need("buffer")?.usize()?;
         let offset = view.usize_or("byteOffset", 0)?;
         let length = view.need("byteLength")?.usize()?;
@@ -149,11 +168,6 @@ impl<'a> Document<'a> {
             values.iter_mut().for_each(|x| *x = component.normalized(*x));
         }
         Ok(Numbers { width, values })
-    }
-
-    /// Element count and component width of accessor `from`, without reading it.
-    pub fn count(&self, from: &Place) -> Result<usize, SceneError> {
-        self.root.element("accessors", from.usize()?, from)?.need("count")?.usize()
     }
 
     fn packed(

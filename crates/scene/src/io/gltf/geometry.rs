@@ -136,8 +136,8 @@ impl Geometry<'_> {
         }
         let attributes = primitive.need("attributes")?;
         let position = attributes.need("POSITION")?;
-        self.check_room(self.document.count(&position)?, primitive)?;
         let (positions, broken) = self.positions(node, mesh, primitive, &position)?;
+        self.check_room(positions.len(), primitive)?;
         let count = positions.len();
         let triangles = self.triangles(primitive, mode, count, &broken)?;
         let first = self.mesh.positions.len();
@@ -209,10 +209,7 @@ impl Geometry<'_> {
         broken: &[bool],
     ) -> Result<Vec<[u32; 3]>, SceneError> {
         let indices: Vec<u32> = match primitive.get("indices") {
-            Some(accessor) => {
-                self.check_room(self.document.count(&accessor)? / 3, primitive)?;
-                self.document.numbers(&accessor)?.values.iter().map(|&x| x as u32).collect()
-            }
+            Some(accessor) => self.document.numbers(&accessor)?.values.iter().map(|&x| x as u32).collect(),
             None => (0..count as u32).collect(),
         };
         let all: Vec<[u32; 3]> = match mode {
@@ -312,7 +309,7 @@ impl Geometry<'_> {
                 .resize(self.skin.influences.len() + positions.len(), vec![Influence { slot, weight: 1.0 }]);
             return Ok(());
         };
-        let orphans = super::orphans::adopt(positions, &mut influences);
+        let orphans = crate::io::orphans::adopt(positions, &mut influences);
         if orphans > 0 {
             let what = format!(
                 "{orphans} vertices of {} have no weight; each moves with its nearest neighbour",

@@ -3,12 +3,17 @@
 //! The displayed rest pose is x_v = Σ_k w_k · G(joint_k) · B_k · X_v (glTF 2.0 §3.7.3), rigid parts with their node as the only joint.
 
 mod accessor;
+pub mod clips;
 mod container;
 mod geometry;
 mod json;
 mod look;
+mod meshopt;
 mod nodes;
-mod orphans;
+mod write;
+
+pub use clips::{Clip, clips};
+pub use write::{ExportOptions, save_clips, write_clips};
 
 use super::{Format, ReadOptions, SceneError};
 use crate::rig::{Joint, Rig, Skeleton, Skin};

@@ -1,0 +1,137 @@
+//! Which camera looks at the model: a file, a preset, or found from the first frame.
+
+use crate::Error;
+use animimic_scene::{Camera, CameraFile, io};
+use glam::DVec3;
+use std::path::PathBuf;
+
+/// How the camera is known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum CameraChoice {
+    /// Searched so that the rest model fits frame 0.
+    #[default]
+    Auto,
+    /// Read from a `camera.json`.
+    File(PathBuf),
+    /// A named camera, see [`PRESETS`].
+    Preset(String),
+}
+
+impl std::str::FromStr for CameraChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text.strip_prefix("preset:") {
+            _ if text == "auto" => Self::Auto,
+            Some(name) => Self::Preset(name.to_owned()),
+            None => Self::File(text.into()),
+        })
+    }
+}
+
+/// A named camera: where it stands relative to the centred bounding box.
+pub struct Preset {
+    /// Name after `preset:`.
+    pub name: &'static str,
+    /// One line of explanation.
+    pub summary: &'static str,
+    /// Length of the box that counts as 1: half the longest side, or the whole.
+    unit_per_longest: f64,
+    distance: f64,
+    azimuth_deg: f64,
+    elevation_deg: f64,
+    fov_y_rad: f64,
+}
+
+/// Vertical field of view of Puppeteer's renderer [rad].
+const PUPPETEER_FOV_RAD: f64 = 0.691_111_2;
+
+const fn puppeteer(name: &'static str, azimuth_deg: f64, summary: &'static str) -> Preset {
+    let (distance, elevation_deg, fov_y_rad) = (2.0, 0.0, PUPPETEER_FOV_RAD);
+    Preset { name, summary, unit_per_longest: 1.0, distance, azimuth_deg, elevation_deg, fov_y_rad }
+}
+
+/// All presets.
+pub const PRESETS: &[Preset] = &[
+    Preset {
+        name: "reference",
+        summary: "half the longest side is 1, field of view 60°, distance 2.7, elevation 10°, azimuth 45°",
+        unit_per_longest: 0.5,
+        distance: 2.7,
+        azimuth_deg: 45.0,
+        elevation_deg: 10.0,
+        fov_y_rad: std::f64::consts::FRAC_PI_3,
+    },
+    puppeteer("puppeteer", 0.0, "longest side is 1, field of view 39.6°, distance 2, level, from the front (+Z)"),
+    puppeteer("puppeteer:front", 0.0, "the same as puppeteer"),
+    puppeteer("puppeteer:front_right", 45.0, "puppeteer's camera between +Z and +X"),
+    puppeteer("puppeteer:right", 90.0, "puppeteer's camera on +X"),
+    puppeteer("puppeteer:back_right", 135.0, "puppeteer's camera between +X and -Z"),
+    puppeteer("puppeteer:back", 180.0, "puppeteer's camera on -Z"),
+    puppeteer("puppeteer:back_left", 225.0, "puppeteer's camera between -Z and -X"),
+    puppeteer("puppeteer:left", 270.0, "puppeteer's camera on -X"),
+    puppeteer("puppeteer:front_left", 315.0, "puppeteer's camera between -X and +Z"),
+];
+
+/// The preset's camera for a model that stands in the box `low..high`, for pictures of `width` × `height`.
+///
+/// # Errors
+/// [`Error::Input`] with the known names.
+pub fn preset(name: &str, (low, high): (DVec3, DVec3), width: u32, height: u32) -> Result<Camera, Error> {
+    let p = PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
+        let known: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
+        Error::Input(format!("no camera preset named {name}: use one of {}", known.join(", ")))
+    })?;
+    let unit = (high - low).max_element() * p.unit_per_longest;
+    let (azimuth, elevation) = (p.azimuth_deg.to_radians(), p.elevation_deg.to_radians());
+    Ok(Camera::orbit(0.5 * (low + high), p.distance * unit, azimuth, elevation, p.fov_y_rad, width, height))
+}
+
+/// Reads a camera file and fits it to pictures of `width` × `height`.
+///
+/// # Errors
+/// [`Error::Scene`] for a broken file, [`Error::Input`] when the pictures have another shape.
+pub fn from_file(path: &std::path::Path, width: u32, height: u32) -> Result<CameraFile, Error> {
+    /// Shapes that differ by less are rounding of the working size.
+    const SAME_SHAPE: f64 = 0.01;
+    let mut file = io::camera_json::read(path)?;
+    let (own, wanted) =
+        (f64::from(file.main.width) / f64::from(file.main.height), f64::from(width) / f64::from(height));
+    if (own / wanted - 1.0).abs() > SAME_SHAPE {
+        return Err(Error::Input(format!(
+            "{}: made for {}×{} pictures, the video has another shape ({width}×{height}): crop or pad the video",
+            path.display(),
+            file.main.width,
+            file.main.height
+        )));
+    }
+    file.main = file.main.resized(width, height);
+    file.views.iter_mut().for_each(|(_, c)| *c = c.resized(width, height));
+    Ok(file)
+}
+
+/// Views to look at a result from: the input view turned by ±45° about the vertical through `target`.
+pub fn side_views(main: &Camera, target: DVec3) -> [Camera; 2] {
+    let turn = std::f64::consts::FRAC_PI_4;
+    [main.orbited(target, -turn), main.orbited(target, turn)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_sees_the_whole_box_centred() {
+        let bounds = (DVec3::new(-1.0, 2.0, 0.5), DVec3::new(3.0, 4.0, 1.5));
+        for p in PRESETS {
+            let c = preset(p.name, bounds, 512, 512).unwrap();
+            assert!((c.project(0.5 * (bounds.0 + bounds.1)) - glam::DVec2::splat(256.0)).length() < 1e-9, "{}", p.name);
+            for k in 0..8 {
+                let corner = DVec3::select(glam::BVec3::new(k & 1 == 0, k & 2 == 0, k & 4 == 0), bounds.0, bounds.1);
+                let q = c.project(corner);
+                assert!(q.min_element() > 0.0 && q.max_element() < 512.0, "{}: {q}", p.name);
+            }
+        }
+        assert!(preset("nowhere", bounds, 8, 8).unwrap_err().to_string().contains("reference"));
+    }
+}

@@ -1,0 +1,38 @@
+//! What can go wrong, by whose fault.
+
+use std::path::PathBuf;
+
+/// Errors of the facade.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A model, camera, npz or other scene file.
+    #[error(transparent)]
+    Scene(#[from] animimic_scene::io::SceneError),
+    /// A video.
+    #[error(transparent)]
+    Video(#[from] animimic_video::VideoError),
+    /// A mesh that cannot be drawn.
+    #[error(transparent)]
+    Render(#[from] animimic_render::RenderError),
+    /// A file could not be read or written.
+    #[error("{path}: {source}", path = .path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// An input that does not fit the others.
+    #[error("{0}")]
+    Input(String),
+    /// The caller asked to stop.
+    #[error("stopped on request; nothing was left half-written")]
+    Cancelled,
+}
+
+impl Error {
+    /// An [`Error::Io`] maker for `map_err`.
+    pub(crate) fn io(path: &std::path::Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |source| Self::Io { path: path.to_owned(), source }
+    }
+}

@@ -1,0 +1,96 @@
+//! The GLB writer: the input's document patched, never rebuilt.
+//!
+//! What we do not interpret (extensions, extras, materials, cameras) stays, and so do the original buffers, byte for byte, as the head of the
+//! binary chunk. A rig that came with the file keeps its nodes, bind matrices and weights; a rig that we made is attached as one joint tree.
+
+mod animation;
+mod bin;
+mod place;
+mod rig;
+mod scratch;
+
+use crate::io::{SceneError, write_atomically};
+use crate::{Asset, Motion, Source};
+use bin::Output;
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::Path;
+
+/// What to write besides the motions.
+#[derive(Clone, Debug)]
+pub struct ExportOptions {
+    /// Keep the clips that the input has (after the new ones).
+    pub keep_clips: bool,
+    /// Goes to `asset.extras.animimic`: version, options, seed, metrics.
+    pub extras: Value,
+}
+
+impl Default for ExportOptions {
+    fn default() -> Self {
+        Self { keep_clips: true, extras: Value::Null }
+    }
+}
+
+/// The GLB of an asset with some motions as clips.
+///
+/// # Errors
+/// [`SceneError::Caller`] if a motion does not fit the asset's skeleton or is not finite, [`SceneError::Limit`] beyond 4 GiB.
+pub fn write_clips(asset: &Asset, motions: &[Motion], options: &ExportOptions) -> Result<Vec<u8>, SceneError> {
+    motions.iter().try_for_each(|m| check(asset, m))?;
+    let ours = asset.rig.skeleton.joints.iter().any(|j| j.node.is_none());
+    let (mut out, parts) = match &asset.source {
+        Source::Gltf { json, buffers } => (Output::patching(json.clone(), buffers), rig::parts_of(json, asset)?),
+        Source::Plain => scratch::document(asset)?,
+    };
+    let node_of_joint = if ours {
+        out.json["animations"] = json!([]);
+        rig::attach(&mut out, asset, &parts)?
+    } else {
+        let moved = place::skinned_meshes_to_root(&mut out.json);
+        asset
+            .rig
+            .skeleton
+            .joints
+            .iter()
+            .map(|j| j.node.map(|n| moved.get(&n).copied().unwrap_or(n)))
+            .map(|n| n.unwrap_or(0))
+            .collect()
+    };
+    animation::add(&mut out, asset, &node_of_joint, motions, options.keep_clips);
+    if !options.extras.is_null() {
+        if !out.json["asset"]["extras"].is_object() {
+            out.json["asset"]["extras"] = json!({});
+        }
+        out.json["asset"]["extras"]["animimic"] = options.extras.clone();
+    }
+    out.glb()
+}
+
+/// Writes the GLB of an asset with some motions, whole or not at all.
+///
+/// # Errors
+/// Those of [`write_clips`], and [`SceneError::Io`].
+pub fn save_clips(
+    path: impl AsRef<Path>,
+    asset: &Asset,
+    motions: &[Motion],
+    options: &ExportOptions,
+) -> Result<(), SceneError> {
+    let bytes = write_clips(asset, motions, options)?;
+    write_atomically(path, |w| w.write_all(&bytes))
+}
+
+fn check(asset: &Asset, motion: &Motion) -> Result<(), SceneError> {
+    let joints = asset.rig.skeleton.joints.len();
+    let problem = if motion.poses.is_empty() {
+        Some("has no frames".to_string())
+    } else if !(motion.fps > 0.0 && motion.fps.is_finite()) {
+        Some(format!("has {} frames per second", motion.fps))
+    } else if let Some(k) = motion.poses.iter().position(|p| p.locals.len() != joints) {
+        Some(format!("has {} joints in frame {k}, the skeleton has {joints}", motion.poses[k].locals.len()))
+    } else {
+        let finite = |t: &crate::Transform| t.translation.is_finite() && t.rotation.is_finite() && t.scale.is_finite();
+        motion.poses.iter().position(|p| !p.locals.iter().all(finite)).map(|k| format!("is not finite in frame {k}"))
+    };
+    problem.map_or(Ok(()), |what| Err(SceneError::Caller(format!("motion {:?} {what}", motion.name))))
+}

@@ -1,0 +1,361 @@
+//! What is thrown at the readers: each case a typed one-sentence error within a second, never a panic.
+
+mod common;
+
+use animimic_scene::Asset;
+use animimic_scene::io::{self, ReadOptions, SceneError};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+fn read(bytes: Vec<u8>, name: &str, repair: bool) -> Result<Asset, SceneError> {
+    let start = Instant::now();
+    let result = io::read_bytes(bytes, Path::new(name), &ReadOptions { repair });
+    assert!(start.elapsed() < Duration::from_secs(1), "{name} took {:?}", start.elapsed());
+    result
+}
+
+/// The message of a file that must be refused: one line that names the file and holds `part`.
+fn refused(bytes: Vec<u8>, part: &str) -> String {
+    let message = read(bytes, "bad.glb", false).map(|_| ()).expect_err(part).to_string();
+    println!("{message}");
+    assert!(message.starts_with("bad.glb"), "{message}");
+    assert!(message.contains(part), "{message:?} does not say {part:?}");
+    assert_eq!(message.lines().count(), 1, "{message}");
+    message
+}
+
+/// The fixture with something changed in its JSON.
+fn changed(change: impl FnOnce(&mut Value)) -> Vec<u8> {
+    let mut document = common::creature();
+    change(&mut document.json);
+    document.glb()
+}
+
+#[test]
+fn the_fixture_itself_reads_without_warnings() {
+    let asset = read(common::creature().glb(), "good.glb", false).unwrap();
+    assert_eq!(asset.warnings, Vec::<String>::new());
+    assert_eq!((asset.mesh.positions.len(), asset.mesh.welded_count, asset.mesh.triangles.len()), (11, 9, 5));
+}
+
+#[test]
+fn files_that_are_no_models_are_named_for_what_they_are() {
+    refused(Vec::new(), "empty");
+    refused(b"garbage".to_vec(), "not JSON");
+    refused(b"<!DOCTYPE html><html></html>".to_vec(), "HTML page");
+    refused(b"version https://git-lfs.github.com/spec/v1\noid sha256:00\n".to_vec(), "Git-LFS pointer");
+    assert!(read(b"x".to_vec(), "model.xyz", false).unwrap_err().to_string().contains("not a model format"));
+    let missing = io::read("no_such_file.glb").unwrap_err();
+    assert!(matches!(missing, SceneError::Io { .. }), "{missing}");
+}
+
+#[test]
+fn truncated_files_say_where_they_end() {
+    let whole = common::creature().glb();
+    let message = refused(whole[..whole.len() - 10].to_vec(), "truncated");
+    assert!(message.contains(&format!("ends at byte {} of {}", whole.len() - 10, whole.len())), "{message}");
+    refused(whole[..9].to_vec(), "ends at byte 9");
+    let mut chunk = whole.clone();
+    chunk[12..16].copy_from_slice(&[0xff; 4]);
+    refused(chunk, "a chunk claims 4294967295 bytes");
+    for n in 0..whole.len() {
+        assert!(read(whole[..n].to_vec(), "cut.glb", false).is_err(), "cut at {n}");
+    }
+}
+
+#[test]
+fn accessors_that_do_not_fit_are_refused_with_their_pointer_before_any_allocation() {
+    for count in [9, 1_000_000, 2_000_000_000, u64::MAX / 2] {
+        refused(changed(|j| j["accessors"][0]["count"] = json!(count)), "/accessors/0");
+    }
+    refused(changed(|j| j["bufferViews"][0]["byteLength"] = json!(1_000_000)), "/bufferViews/0");
+    refused(changed(|j| j["bufferViews"][0]["byteOffset"] = json!(u64::MAX)), "/bufferViews/0");
+    refused(changed(|j| j["bufferViews"][0]["byteStride"] = json!(0)), "byteStride");
+    refused(changed(|j| j["accessors"][0]["bufferView"] = json!(99)), "refers to bufferViews 99");
+    refused(
+        changed(|j| j["accessors"][0] = json!({ "componentType": 5126, "type": "VEC3", "count": 2_000_000_000u32 })),
+        "without data",
+    );
+    refused(changed(|j| j["accessors"][0]["count"] = json!(-3)), "non-negative");
+    refused(
+        changed(|j| {
+            j["accessors"][0]["sparse"] = json!({ "count": 1_000_000_000,
+        "indices": { "bufferView": 0, "componentType": 5123 }, "values": { "bufferView": 0 } })
+        }),
+        "do not fit",
+    );
+    refused(changed(|j| j["buffers"] = json!([{ "byteLength": 4_000_000_000u32 }])), "/buffers/0");
+}
+
+#[test]
+fn cycles_and_second_parents_are_refused_and_deep_chains_are_walked() {
+    refused(changed(|j| j["nodes"][4]["children"] = json!([2])), "already has the parent");
+    refused(
+        changed(|j| {
+            j["nodes"][0]["children"] = json!([1]);
+            j["nodes"][4]["children"] = json!([2]);
+        }),
+        "cycle",
+    );
+    refused(changed(|j| j["nodes"][4]["children"] = json!([77])), "refers to node 77");
+    let deep = changed(|j| {
+        let nodes = j["nodes"].as_array_mut().unwrap();
+        for i in 0..30_000 {
+            nodes.push(json!({ "children": [6 + i] }));
+        }
+        nodes.push(json!({ "mesh": 1 }));
+        j["scenes"][0]["nodes"] = json!([0, 5]);
+    });
+    let asset = read(deep, "deep.glb", false).unwrap();
+    assert_eq!(asset.rig.skeleton.joints.len(), 30_000 + 5);
+}
+
+/// The fixture with one value of its binary chunk changed.
+fn poked(at: usize, bytes: &[u8]) -> Vec<u8> {
+    let mut document = common::creature();
+    document.bin[at..at + bytes.len()].copy_from_slice(bytes);
+    document.glb()
+}
+
+fn offset(accessor: usize) -> usize {
+    let json = common::creature().json;
+    let view = json["accessors"][accessor]["bufferView"].as_u64().unwrap() as usize;
+    json["bufferViews"][view]["byteOffset"].as_u64().unwrap() as usize
+}
+
+#[test]
+fn indices_joints_and_vertices_out_of_bounds_are_refused_or_repaired_with_a_count() {
+    let cases = [
+        (
+            poked(offset(4), &900u16.to_le_bytes()),
+            "1 indices are out of range, the first is 900 at 0",
+            "dropped 1 triangles",
+        ),
+        (poked(offset(3) + 1, &[200]), "", ""),
+        (poked(offset(3) + 9, &[200]), "joint 200 with weight 0.5 of vertex 2", "dropped"),
+        (poked(offset(0), &f32::NAN.to_le_bytes()), "1 vertices are not finite, the first is 0", "dropped 1 vertices"),
+        (poked(offset(2), &f32::NAN.to_le_bytes()), "NaN of vertex 0", "dropped"),
+    ];
+    for (bytes, message, warning) in cases {
+        if message.is_empty() {
+            // A joint out of range without weight does nothing.
+            assert!(read(bytes, "ok.glb", false).is_ok());
+            continue;
+        }
+        refused(bytes.clone(), message);
+        let repaired = read(bytes, "bad.glb", true).unwrap();
+        println!("{:?}", repaired.warnings);
+        assert!(
+            repaired.warnings.iter().any(|w| w.starts_with("repaired") && w.contains(warning)),
+            "{:?}",
+            repaired.warnings
+        );
+        assert!(repaired.mesh.positions.iter().all(|p| p.is_finite()));
+    }
+}
+
+#[test]
+fn skins_without_joints_or_weights_are_ignored_with_a_warning() {
+    let empty = read(changed(|j| j["skins"][0]["joints"] = json!([])), "a.glb", false).unwrap();
+    assert!(empty.warnings[0].contains("no joints"), "{:?}", empty.warnings);
+    let mut document = common::creature();
+    let weights = offset(2);
+    document.bin[weights..weights + 128].fill(0);
+    let unweighted = read(document.glb(), "b.glb", false).unwrap();
+    assert!(unweighted.warnings[0].contains("no weights"), "{:?}", unweighted.warnings);
+    let one = read(poked(weights, &0f32.to_le_bytes()), "c.glb", false).unwrap();
+    assert!(one.warnings[0].contains("nearest"), "{:?}", one.warnings);
+    let two = read(poked(weights, &2f32.to_le_bytes()), "d.glb", false).unwrap();
+    assert!(two.warnings[0].contains("normalised"), "{:?}", two.warnings);
+    assert_eq!(two.rig.skin.influences[0].iter().map(|i| i.weight).sum::<f64>(), 1.0);
+}
+
+#[test]
+fn impossible_extents_are_refused_and_degenerate_scales_are_baked() {
+    refused(changed(|j| j["nodes"][0]["translation"] = json!([1e39, 0, 0])), "/nodes/0/translation/0");
+    refused(changed(|j| j["nodes"][0]["translation"] = json!([3e38, 3e38, 3e38])), "bounding box");
+    refused(changed(|j| j["nodes"][0]["scale"] = json!([0, 0, 0])), "bounding box");
+    refused(changed(|j| j["scenes"][0]["nodes"] = json!([])), "no triangles");
+    refused(changed(|j| j["nodes"] = json!([])), "/scenes/0/nodes/0");
+    let flat = read(changed(|j| j["nodes"][0]["scale"] = json!([1, 0, 1])), "flat.glb", false).unwrap();
+    assert!(flat.mesh.diagonal() > 0.0);
+    let front = read(changed(|j| j["nodes"][4]["scale"] = json!([1, 1, 1])), "front.glb", false).unwrap();
+    let mirrored = read(changed(|j| j["nodes"][4]["scale"] = json!([-1, 1, 1])), "mirrored.glb", false).unwrap();
+    assert_eq!(front.mesh.triangles[4], [8, 9, 10]);
+    assert_eq!(mirrored.mesh.triangles[4], [8, 10, 9]);
+}
+
+#[test]
+fn unknown_required_extensions_are_refused_when_they_may_touch_geometry() {
+    refused(changed(|j| j["extensionsRequired"] = json!(["VENDOR_geometry"])), "VENDOR_geometry");
+    refused(changed(|j| j["extensionsRequired"] = json!(["KHR_draco_mesh_compression"])), "gltf-transform");
+    assert!(read(changed(|j| j["extensionsRequired"] = json!(["KHR_materials_unlit"])), "a.glb", false).is_ok());
+    refused(changed(|j| j["asset"]["version"] = json!("1.0")), "1.0");
+}
+
+#[test]
+fn a_picture_of_enormous_size_is_not_decoded_but_its_bytes_pass_through() {
+    let mut document = common::creature();
+    // A PNG header that claims 40000 × 40000 pixels.
+    let mut png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
+    let mut header = [40_000u32.to_be_bytes(), 40_000u32.to_be_bytes()].concat();
+    header.extend([8, 6, 0, 0, 0]);
+    png.extend(&header);
+    png.extend(crc(&[b"IHDR".as_slice(), &header].concat()).to_be_bytes());
+    png.extend(b"\0\0\0\x02IDAT\x78\x9c");
+    png.extend(crc(b"IDAT\x78\x9c").to_be_bytes());
+    let accessor = document.accessor(&png, json!({}));
+    let view = document.json["accessors"].as_array_mut().unwrap().remove(accessor)["bufferView"].clone();
+    document.json["images"] = json!([{ "bufferView": view, "mimeType": "image/png" }]);
+    document.json["textures"] = json!([{ "source": 0 }]);
+    document.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+    let asset = read(document.glb(), "huge.glb", false).unwrap();
+    assert!(asset.warnings[0].contains("40000×40000"), "{:?}", asset.warnings);
+    assert!(asset.looks[0].texture.is_none());
+    let written = io::gltf::write_clips(&asset, &[], &Default::default()).unwrap();
+    assert!(written.windows(png.len()).any(|w| w == png));
+}
+
+/// CRC-32 of PNG.
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0u32, |c, &b| {
+        (0..8).fold(c ^ u32::from(b), |c, _| if c & 1 == 1 { 0xEDB8_8320 ^ (c >> 1) } else { c >> 1 })
+    })
+}
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, n: usize) -> usize {
+        (self.next() % n.max(1) as u64) as usize
+    }
+}
+
+/// One to four changes: a byte, a run, a cut, a repeated or an inserted piece, or a number in the text.
+fn mutated(original: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut bytes = original.to_vec();
+    for _ in 0..=random.below(3) {
+        let at = random.below(bytes.len());
+        match random.below(7) {
+            0 if !bytes.is_empty() => bytes[at] ^= 1 << random.below(8),
+            1 if !bytes.is_empty() => bytes[at] = [0, 1, 0x7f, 0x80, 0xff][random.below(5)],
+            2 => bytes.truncate(at),
+            3 => {
+                let end = (at + random.below(40)).min(bytes.len());
+                let piece = bytes[at..end].to_vec();
+                let to = random.below(bytes.len());
+                bytes.splice(to..to, piece);
+            }
+            4 => {
+                let end = (at + 4).min(bytes.len());
+                bytes[at..end].fill(0xff);
+            }
+            _ => {
+                // Replaces a number in the text by an extreme one.
+                let digit = bytes[at..].iter().position(u8::is_ascii_digit).map(|d| at + d);
+                if let Some(start) = digit {
+                    let end =
+                        bytes[start..].iter().position(|b| !b.is_ascii_digit()).map_or(bytes.len(), |n| start + n);
+                    let number: &[u8] =
+                        [&b"0"[..], b"-1", b"4294967295", b"2000000000", b"1e39", b"nan", b"3", b"99"][random.below(8)];
+                    bytes.splice(start..end, number.iter().copied());
+                }
+            }
+        }
+    }
+    bytes
+}
+
+/// Feeds mutations of `original` to `read`; every outcome but a panic or a delay is fine.
+fn hammer(name: &str, original: &[u8], cases: usize, read: impl Fn(Vec<u8>) -> bool) {
+    let mut random = Random(7);
+    let (mut accepted, mut slowest) = (0, Duration::ZERO);
+    for _ in 0..cases {
+        let bytes = mutated(original, &mut random);
+        let start = Instant::now();
+        accepted += usize::from(read(bytes));
+        slowest = slowest.max(start.elapsed());
+    }
+    println!("{name}: {accepted} of {cases} mutations accepted, slowest {slowest:?}");
+    assert!(slowest < Duration::from_secs(1), "{name}: {slowest:?}");
+    assert!(accepted < cases, "{name}: the mutations change nothing");
+}
+
+#[test]
+fn mutated_files_never_panic_hang_or_give_unsound_assets() {
+    let sound = |result: Result<Asset, SceneError>| match result {
+        Ok(asset) => {
+            let n = asset.mesh.positions.len();
+            assert!(asset.mesh.triangles.iter().flatten().all(|&i| (i as usize) < n));
+            assert!(asset.mesh.positions.iter().all(|p| p.is_finite()));
+            assert!(asset.rig.skin.influences.iter().all(|l| !l.is_empty()));
+            let _ = io::gltf::clips(&asset);
+            io::gltf::write_clips(&asset, &[], &Default::default()).unwrap();
+            true
+        }
+        Err(e) => {
+            assert!(e.to_string().lines().count() <= 1, "{e}");
+            false
+        }
+    };
+    let from_memory = |name: &'static str, repair: bool| {
+        move |bytes: Vec<u8>| sound(io::read_bytes(bytes, Path::new(name), &ReadOptions { repair }))
+    };
+    let obj = "mtllib m.mtl\no a\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl x\nf 1/1/1 2/2/1 3/1/1 4/2/1\nf -1//1 -2//1 -3//1\n";
+    let off =
+        "COFF\n4 2 0\n0 0 0 255 0 0 255\n1 0 0 0 255 0 255\n1 1 0 0 0 255 255\n0 1 1 9 9 9 255\n3 0 1 2\n3 0 2 3\n";
+    let ascii = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1.5 0\nendloop\nendfacet\nendsolid a\n";
+    let mut stl = vec![0u8; 80];
+    stl.extend(2u32.to_le_bytes());
+    stl.extend((0..2).flat_map(|k| (0..12).flat_map(move |i| ((i * i + k) as f32).to_le_bytes()).chain([0, 0])));
+    let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let mut text = common::creature();
+    text.json["buffers"] = json!([{ "byteLength": text.bin.len(), "uri": format!("data:application/octet-stream;base64,{}", base64(&text.bin)) }]);
+    hammer("glb", &common::creature().glb(), 3000, from_memory("a.glb", false));
+    hammer("glb with repair", &common::creature().glb(), 1500, from_memory("a.glb", true));
+    hammer("gltf", text.json.to_string().as_bytes(), 3000, from_memory("a.gltf", false));
+    hammer("obj", obj.as_bytes(), 3000, from_memory("a.obj", false));
+    hammer("off", off.as_bytes(), 2000, from_memory("a.off", false));
+    hammer("ascii stl", ascii.as_bytes(), 1000, from_memory("a.stl", true));
+    hammer("binary stl", &stl, 1000, from_memory("a.stl", false));
+    hammer("ply", ply.as_bytes(), 2000, from_memory("a.ply", false));
+}
+
+#[test]
+fn mutated_rigs_cameras_and_archives_never_panic_or_hang() {
+    let rig = "joints a 0 0 0\njoints b 0 1 0\nroot a\nskin 0 a 0.5 b 0.5\nskin 1 b 1.0\nhier a b\n";
+    hammer("rig.txt", rig.as_bytes(), 3000, |b| io::rig_txt::parse(&b).is_ok());
+    let camera = io::camera_json::to_json(&animimic_scene::CameraFile {
+        main: animimic_scene::Camera::orbit(glam::DVec3::ZERO, 3.0, 0.3, 0.1, 0.6, 512, 512),
+        fps: 24.0,
+        views: Vec::new(),
+        target: None,
+    });
+    hammer("camera.json", camera.as_bytes(), 3000, |b| io::camera_json::parse(&b).is_ok());
+    let array = |n: usize| io::npz::Array { shape: vec![n, 2], values: io::npz::Values::F32(vec![0.5; 2 * n]) };
+    let archive = io::npz::Archive { arrays: vec![("a".into(), array(10)), ("b".into(), array(1000))] };
+    hammer("npz", &io::npz::to_bytes(&archive).unwrap(), 3000, |b| io::npz::parse(&b).is_ok());
+}
+
+/// RFC 4648.
+fn base64(bytes: &[u8]) -> String {
+    const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut out = String::new();
+    for chunk in bytes.chunks(3) {
+        let n = chunk.iter().fold(0u32, |n, &b| n << 8 | u32::from(b)) << (8 * (3 - chunk.len()));
+        for k in 0..4 {
+            let symbol = ALPHABET[(n >> (18 - 6 * k) & 63) as usize] as char;
+            out.push(if k > chunk.len() { '=' } else { symbol });
+        }
+    }
+    out
+}

@@ -1,0 +1,225 @@
+//! The adjoint of one step ([S] eqs 6–8), with damping and gravity.
+//!
+//! The step solves G(x⁺; xⁿ, vⁿ, p) = 0 on free vertices, G = M(x⁺ − x̃) + hαM(x⁺ − xⁿ) + h² f(x⁺) + hβ K(xⁿ)(x⁺ − xⁿ), and
+//! v⁺ = (x⁺ − xⁿ)/h. With b = ∂L/∂x⁺ + (1/h) ∂L/∂v⁺ and A a = b on free rows (a = 0 on driven ones), A = ∂G/∂x⁺ the *true*
+//! Hessian at the converged state:
+//!     ∂L/∂p  = −aᵀ ∂G/∂p,      ∂L/∂xⁿ = −aᵀ ∂G/∂xⁿ − (1/h) ∂L/∂v⁺,      ∂L/∂vⁿ = h M a,
+//!     ∂L/∂d⁺ = b_d − (A a)_d   for the driven positions at the step's end.
+//! A filtered Hessian here gives gradients that are wrong by tens of percent. Where A is indefinite (a saddle) it is still
+//! solved exactly, by MINRES on a shifted factor, and counted.
+
+use crate::assembly;
+use crate::body::Body;
+use crate::elasticity::Elasticity;
+use crate::error::{SimError, check_finite, check_len};
+use crate::filter::Eigenvalues;
+use crate::settings::{Settings, State};
+use crate::stepper::Stepper;
+use animimic_math::sparse::krylov::{Ended, minimum_residual};
+use glam::DVec3;
+
+/// Relative accuracy of iterative adjoint solves: far below the 1e-6 asked of gradients.
+const ADJOINT_TOLERANCE: f64 = 1e-11;
+/// MINRES iterations allowed on an indefinite matrix.
+const MAX_MINRES: usize = 500;
+/// Mass shifts tried on an indefinite matrix, each four times the last, from [`FIRST_SHIFT`].
+const MAX_SHIFTS: i32 = 24;
+/// First mass shift (in units of the mass).
+const FIRST_SHIFT: f64 = 0.25;
+
+/// ∂L/∂ everything one step depends on.
+#[derive(Clone, Debug, Default)]
+pub struct StepGradient {
+    /// ∂L/∂(positions, velocities) at the step's start.
+    pub d_start: State,
+    /// ∂L/∂ driven positions at the step's end, per driven vertex.
+    pub d_driven: Vec<DVec3>,
+    /// ∂L/∂ ln E, per cluster.
+    pub d_ln_youngs: Vec<f64>,
+    /// ∂L/∂ν.
+    pub d_poisson: f64,
+    /// ∂L/∂ρ [1/(kg/m³)].
+    pub d_density: f64,
+    /// ∂L/∂ gravity [1/(m/s²)].
+    pub d_gravity: DVec3,
+    /// ∂L/∂α, α the mass damping.
+    pub d_mass_damping: f64,
+    /// ∂L/∂β, β the stiffness damping; zero where β = 0.
+    pub d_stiffness_damping: f64,
+    /// Whether the Hessian at the step's end was indefinite.
+    pub indefinite: bool,
+    /// Relative residual the linear solve was stopped at, if it missed its tolerance.
+    pub unsolved: bool,
+}
+
+/// ∂L/∂ everything a simulation depends on.
+#[derive(Clone, Debug, Default)]
+pub struct Gradient {
+    /// ∂L/∂ initial positions and velocities. Initial positions of driven vertices are the start of their path.
+    pub d_start: State,
+    /// ∂L/∂ driven positions at frame ends, \[frame\]\[driven\].
+    pub d_path: Vec<Vec<DVec3>>,
+    /// ∂L/∂ ln E, per cluster.
+    pub d_ln_youngs: Vec<f64>,
+    /// ∂L/∂ν.
+    pub d_poisson: f64,
+    /// ∂L/∂ρ [1/(kg/m³)].
+    pub d_density: f64,
+    /// ∂L/∂ gravity [1/(m/s²)].
+    pub d_gravity: DVec3,
+    /// ∂L/∂α.
+    pub d_mass_damping: f64,
+    /// ∂L/∂β.
+    pub d_stiffness_damping: f64,
+    /// Steps whose Hessian was indefinite at the end: stationary points that are not minima.
+    pub indefinite_steps: Vec<usize>,
+    /// Steps whose adjoint system missed its tolerance.
+    pub unsolved_steps: Vec<usize>,
+    /// Share of ∂L/∂ initial driven positions that comes from substeps of the first frame.
+    d_path_start: Vec<DVec3>,
+}
+
+impl Gradient {
+    pub(crate) fn zeros(body: &Body, elasticity: &Elasticity, frames: usize) -> Self {
+        Self {
+            d_path: vec![vec![DVec3::ZERO; body.driven.len()]; frames],
+            d_ln_youngs: vec![0.0; elasticity.ln_youngs.len()],
+            d_path_start: vec![DVec3::ZERO; body.driven.len()],
+            ..Self::default()
+        }
+    }
+
+    /// Adds one step's part; a substep's driven positions lie between two frames' and share their gradient.
+    pub(crate) fn add_step(&mut self, part: &StepGradient, step: usize, substeps: usize) {
+        let (frame, share) = (step / substeps, (step % substeps + 1) as f64 / substeps as f64);
+        self.d_path[frame].iter_mut().zip(&part.d_driven).for_each(|(p, d)| *p += share * *d);
+        let before = if frame == 0 { &mut self.d_path_start } else { &mut self.d_path[frame - 1] };
+        before.iter_mut().zip(&part.d_driven).for_each(|(p, d)| *p += (1.0 - share) * *d);
+        self.d_ln_youngs.iter_mut().zip(&part.d_ln_youngs).for_each(|(s, d)| *s += d);
+        self.d_poisson += part.d_poisson;
+        self.d_density += part.d_density;
+        self.d_gravity += part.d_gravity;
+        self.d_mass_damping += part.d_mass_damping;
+        self.d_stiffness_damping += part.d_stiffness_damping;
+        if part.indefinite {
+            self.indefinite_steps.push(step);
+        }
+        if part.unsolved {
+            self.unsolved_steps.push(step);
+        }
+    }
+
+    /// The initial state's gradient, with the first frame's interpolated path.
+    pub(crate) fn finish(&mut self, body: &Body, d_start: State) {
+        self.d_start = d_start;
+        for (&v, d) in body.driven.iter().zip(&self.d_path_start) {
+            self.d_start.positions[v as usize] += *d;
+        }
+        self.indefinite_steps.reverse();
+        self.unsolved_steps.reverse();
+    }
+}
+
+/// Gradient of one step, see [`Stepper::step_vjp`].
+pub fn step_vjp(
+    body: &Body,
+    elasticity: &Elasticity,
+    settings: &Settings,
+    start: &State,
+    end: &[DVec3],
+    d_end: &State,
+) -> Result<StepGradient, SimError> {
+    Stepper::new(body, elasticity, settings)?.step_vjp(start, end, d_end)
+}
+
+impl Stepper<'_> {
+    /// Pulls ∂L/∂(positions, velocities) at the end of a step back to what the step depended on. `end` are the positions
+    /// that [`Stepper::step`] returned for `start`.
+    pub fn step_vjp(&mut self, start: &State, end: &[DVec3], d_end: &State) -> Result<StepGradient, SimError> {
+        let n = self.body.rest.len();
+        check_len("positions at the step's end", end.len(), n)?;
+        check_len("cotangents of positions", d_end.positions.len(), n)?;
+        check_len("cotangents of velocities", d_end.velocities.len(), n)?;
+        check_finite("cotangent of position", &d_end.positions)?;
+        check_finite("cotangent of velocity", &d_end.velocities)?;
+        let h = self.settings.step_time();
+        let pairs = d_end.positions.iter().zip(&d_end.velocities);
+        let b: Vec<DVec3> = pairs.map(|(x, v)| *x + *v / h).collect();
+        let objective = self.objective(start);
+        self.assemble(&objective, end, Eigenvalues::True);
+        let (solution, indefinite, unsolved) = self.solve_adjoint(&self.to_free(&b));
+        let mut a = vec![DVec3::ZERO; n];
+        self.add_free(&mut a, 1.0, &solution);
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let medium = self.medium(&start.positions);
+        let c = assembly::contract(&medium, &self.lame_by_poisson, end, &a, &mut scratch);
+        self.scratch = scratch;
+
+        let mut result = StepGradient { indefinite, unsolved, ..StepGradient::default() };
+        result.d_ln_youngs = vec![0.0; self.elasticity.ln_youngs.len()];
+        for (cluster, v) in self.elasticity.cluster.iter().zip(&c.by_ln_youngs) {
+            result.d_ln_youngs[*cluster as usize] -= h * h * v;
+        }
+        result.d_poisson = -h * h * c.by_poisson;
+        if self.settings.stiffness_damping > 0.0 {
+            result.d_stiffness_damping = -h * h * c.by_damping / self.settings.stiffness_damping;
+        }
+        // a = 0 on driven rows, so M a and its kin vanish there by themselves.
+        let drag = h * self.settings.mass_damping;
+        result.d_start = State::at_rest(&vec![DVec3::ZERO; n]);
+        for v in 0..n {
+            let ma = self.mass[v] * a[v];
+            let moved = end[v] - start.positions[v];
+            let inertia = end[v] - objective.target[v] + drag * moved;
+            result.d_density -= a[v].dot(inertia) * self.body.lumped_volume[v];
+            result.d_gravity += h * h * ma;
+            result.d_mass_damping -= h * ma.dot(moved);
+            result.d_start.positions[v] = (1.0 + drag) * ma - d_end.velocities[v] / h;
+            result.d_start.velocities[v] = h * ma;
+        }
+        for (d, f) in result.d_start.positions.iter_mut().zip(&c.by_start) {
+            *d -= h * h * *f;
+        }
+        let pulled = |&v: &u32| b[v as usize] - h * h * c.product[v as usize];
+        result.d_driven = self.body.driven.iter().map(pulled).collect();
+        Ok(result)
+    }
+
+    /// A⁻¹ b with the true Hessian; whether it was indefinite, and whether the solve missed its tolerance.
+    fn solve_adjoint(&mut self, b: &[f64]) -> (Vec<f64>, bool, bool) {
+        if b.iter().all(|v| *v == 0.0) {
+            return (b.to_vec(), false, false);
+        }
+        if std::mem::take(&mut self.factor_is_near) {
+            let (a, ended) = self.iterate(b, ADJOINT_TOLERANCE, self.iteration_limit());
+            if matches!(ended, Ended::Converged { .. }) {
+                return (a, false, false);
+            }
+        }
+        let (mut solved, indefinite, unsolved) = self.solve_many(vec![b.to_vec()]);
+        (solved.pop().expect("one right-hand side"), indefinite, unsolved)
+    }
+
+    /// A⁻¹ b for several right-hand sides, as in the adjoint: directly where A is positive definite, else by MINRES.
+    pub(crate) fn solve_many(&mut self, mut rhs: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, bool, bool) {
+        if self.factorize(0.0) {
+            rhs.iter_mut().for_each(|b| self.solve(b));
+            return (rhs, false, false);
+        }
+        let shifted = (0..MAX_SHIFTS).any(|n| self.factorize(FIRST_SHIFT * 4f64.powi(n)));
+        if !shifted {
+            // Only a matrix that is not finite gets here: the state it was assembled at is not.
+            rhs.iter_mut().for_each(|b| b.fill(0.0));
+            return (rhs, true, true);
+        }
+        let factor = self.factor.as_ref().expect("factored above");
+        let mut unsolved = false;
+        for b in &mut rhs {
+            let symbolic = &self.body.symbolic;
+            let (a, ended) = minimum_residual(symbolic, factor, &self.matrix, b, ADJOINT_TOLERANCE, MAX_MINRES);
+            unsolved |= !matches!(ended, Ended::Converged { .. });
+            *b = a;
+        }
+        (rhs, true, unsolved)
+    }
+}

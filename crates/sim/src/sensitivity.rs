@@ -1,0 +1,184 @@
+//! Forward sensitivities of a motion to the moduli of its clusters, and Gauss–Newton on them.
+//!
+//! S = ∂x/∂ln E_c and W = ∂v/∂ln E_c follow each step with the factor of its true Hessian A:
+//!     A S⁺ = M((1 + hα) S + h W) − h² ∂f/∂ln E_c  (+ damper),    W⁺ = (S⁺ − S)/h.
+//! With few clusters this gives the whole Jacobian for one factorisation and K solves a step.
+
+use crate::assembly;
+use crate::body::Body;
+use crate::elasticity::Elasticity;
+use crate::error::{SimError, check_len};
+use crate::filter::Eigenvalues;
+use crate::settings::{Settings, State};
+use crate::stepper::Stepper;
+use crate::trajectory::{Simulation, simulate};
+use glam::DVec3;
+
+/// ∂x/∂ln E_c at frame ends, on the free vertices.
+#[derive(Clone, Debug, Default)]
+pub struct Sensitivities {
+    /// \[frame\]\[cluster\]\[3 × free vertex\] \[m\], free vertices in `Body::free` order.
+    pub frames: Vec<Vec<Vec<f64>>>,
+    /// Steps whose Hessian was indefinite, where sensitivities stop being those of a minimum.
+    pub indefinite_steps: Vec<usize>,
+}
+
+/// Sensitivities of a simulation's frames to ln E of every cluster.
+pub fn sensitivities(
+    body: &Body,
+    elasticity: &Elasticity,
+    settings: &Settings,
+    simulation: &Simulation,
+) -> Result<Sensitivities, SimError> {
+    if settings.stiffness_damping > 0.0 {
+        return Err(SimError::OutOfRange {
+            name: "stiffness damping",
+            value: settings.stiffness_damping,
+            range: "zero for forward sensitivities (use the adjoint)",
+        });
+    }
+    let mut stepper = Stepper::new(body, elasticity, settings)?;
+    let (clusters, size) = (elasticity.ln_youngs.len(), 3 * body.free.len());
+    let h = settings.step_time();
+    let drag = 1.0 + h * settings.mass_damping;
+    let mut s = vec![vec![0.0; size]; clusters];
+    let mut w = s.clone();
+    let mut result = Sensitivities::default();
+    for (n, end) in simulation.steps.iter().enumerate() {
+        let start = simulation.state(n, settings);
+        let objective = stepper.objective(&start);
+        stepper.assemble(&objective, end, Eigenvalues::True);
+        let medium = stepper.medium(&start.positions);
+        let forces = assembly::forces_by_cluster(&medium, &elasticity.cluster, clusters, end);
+        let rhs: Vec<Vec<f64>> = (0..clusters)
+            .map(|c| {
+                let entry = |i: usize| stepper.free_mass[i / 3] * (drag * s[c][i] + h * w[c][i]) - h * h * forces[c][i];
+                (0..size).map(entry).collect()
+            })
+            .collect();
+        let (solved, indefinite, _) = stepper.solve_many(rhs);
+        if indefinite {
+            result.indefinite_steps.push(n);
+        }
+        for (c, next) in solved.into_iter().enumerate() {
+            (0..size).for_each(|i| w[c][i] = (next[i] - s[c][i]) / h);
+            s[c] = next;
+        }
+        if (n + 1) % settings.substeps == 0 {
+            result.frames.push(s.clone());
+        }
+    }
+    Ok(result)
+}
+
+/// One iteration of [`gauss_newton`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct GaussNewtonStep {
+    /// ½ Σ |x − target|² over frames and free vertices [m²], before the iteration.
+    pub loss: f64,
+    /// ln E per cluster after it.
+    pub ln_youngs: Vec<f64>,
+    /// Simulations it took.
+    pub simulations: usize,
+}
+
+/// Largest change of ln E in one iteration: a factor of 12, so that a bad linearisation cannot leave the physical range.
+const LARGEST_CHANGE: f64 = 2.5;
+/// Dampings tried before an iteration gives up.
+const MAX_DAMPINGS: usize = 8;
+
+/// Fits ln E of every cluster to target positions (\[frame\]\[vertex\], m) by Levenberg–Marquardt on the forward sensitivities,
+/// until ln E changes by less than `tolerance` or `iterations` are done. Returns the fitted material and the history.
+pub fn gauss_newton(
+    body: &Body,
+    elasticity: &Elasticity,
+    settings: &Settings,
+    start: &State,
+    path: &[Vec<DVec3>],
+    targets: &[Vec<DVec3>],
+    iterations: usize,
+    tolerance: f64,
+) -> Result<(Elasticity, Vec<GaussNewtonStep>), SimError> {
+    check_len("target frames", targets.len(), path.len())?;
+    let mut now = elasticity.clone();
+    let mut motion = simulate(body, &now, settings, start, path)?;
+    let residuals = |motion: &Simulation| -> Vec<Vec<f64>> {
+        let pairs = motion.frames().zip(targets);
+        pairs
+            .map(|(x, t)| body.free.iter().flat_map(|&v| (x[v as usize] - t[v as usize]).to_array()).collect())
+            .collect()
+    };
+    let loss_of = |r: &[Vec<f64>]| 0.5 * r.iter().flatten().map(|v| v * v).sum::<f64>();
+    let mut residual = residuals(&motion);
+    let mut loss = loss_of(&residual);
+    let (mut damping, mut history) = (1e-4, vec![]);
+    for _ in 0..iterations {
+        let jacobian = sensitivities(body, &now, settings, &motion)?;
+        let (normal, gradient) = normal_equations(&jacobian, &residual, now.ln_youngs.len());
+        let before = loss;
+        let (mut simulations, mut change) = (0, 0.0f64);
+        for _ in 0..MAX_DAMPINGS {
+            let delta = solve_damped(&normal, &gradient, damping);
+            let mut trial = now.clone();
+            trial.ln_youngs.iter_mut().zip(&delta).for_each(|(l, d)| *l -= d.clamp(-LARGEST_CHANGE, LARGEST_CHANGE));
+            let moved = simulate(body, &trial, settings, start, path)?;
+            simulations += 1;
+            let r = residuals(&moved);
+            let value = loss_of(&r);
+            if value < loss {
+                change = delta.iter().fold(0.0, |m, d| m.max(d.abs()));
+                (now, motion, residual, loss) = (trial, moved, r, value);
+                damping = (damping / 10.0).max(1e-12);
+                break;
+            }
+            damping *= 10.0;
+        }
+        history.push(GaussNewtonStep { loss: before, ln_youngs: now.ln_youngs.clone(), simulations });
+        if change < tolerance {
+            break;
+        }
+    }
+    Ok((now, history))
+}
+
+/// JᵀJ and Jᵀr over all frames.
+fn normal_equations(jacobian: &Sensitivities, residual: &[Vec<f64>], clusters: usize) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let (mut normal, mut gradient) = (vec![vec![0.0; clusters]; clusters], vec![0.0; clusters]);
+    let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+    for (columns, r) in jacobian.frames.iter().zip(residual) {
+        for i in 0..clusters {
+            gradient[i] += dot(&columns[i], r);
+            for j in 0..=i {
+                normal[i][j] += dot(&columns[i], &columns[j]);
+            }
+        }
+    }
+    for i in 0..clusters {
+        for j in 0..i {
+            normal[j][i] = normal[i][j];
+        }
+    }
+    (normal, gradient)
+}
+
+/// (N + damping diag N) δ = g by dense Cholesky; rows of clusters that move nothing give δ = 0.
+fn solve_damped(normal: &[Vec<f64>], gradient: &[f64], damping: f64) -> Vec<f64> {
+    let n = gradient.len();
+    let floor = normal.iter().enumerate().map(|(i, r)| r[i]).fold(0.0, f64::max) * 1e-14 + f64::MIN_POSITIVE;
+    let mut l = normal.to_vec();
+    let mut x = gradient.to_vec();
+    for i in 0..n {
+        l[i][i] += damping * normal[i][i] + floor;
+        for j in 0..=i {
+            let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            l[i][j] = if i == j { (l[i][i] - sum).max(floor).sqrt() } else { (l[i][j] - sum) / l[j][j] };
+        }
+        let sum: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
+        x[i] = (x[i] - sum) / l[i][i];
+    }
+    for i in (0..n).rev() {
+        let sum: f64 = (i + 1..n).map(|k| l[k][i] * x[k]).sum();
+        x[i] = (x[i] - sum) / l[i][i];
+    }
+    x
+}

@@ -1,0 +1,270 @@
+//! One implicit step: Newton with the true Hessian and a backtracking line search.
+//!
+//! The Hessian is shifted by a multiple of the mass only where its Cholesky factorisation fails (Longva et al. 2023 compare
+//! such strategies), clamped where no moderate shift is enough. Between factorisations the last factor preconditions
+//! conjugate gradients on the present Hessian while that is the cheaper way to the same direction.
+
+use crate::assembly;
+use crate::body::Body;
+use crate::elasticity::Elasticity;
+use crate::error::{SimError, check_finite, check_len};
+use crate::filter::{Eigenvalues, Filter};
+use crate::settings::{Predictor, Settings, State, StepReport};
+use crate::stepper::{Assembled, Objective, Stepper};
+use animimic_math::gradcheck::SplitMix64;
+use animimic_math::sparse::krylov::Ended;
+use glam::DVec3;
+
+/// Sufficient decrease of the line search (Armijo's constant, Nocedal & Wright 2006, section 3.1).
+const ARMIJO: f64 = 1e-4;
+/// Halvings after which the line search gives up: 2⁻⁴⁰ is below the resolution of positions.
+const MAX_CUTS: usize = 40;
+/// Relative rounding noise of the objective; decreases below it cannot be told from zero.
+const NOISE: f64 = 1e-13;
+/// Mass shifts tried, each four times the last, before element Hessians are clamped instead.
+const MAX_SHIFTS: usize = 5;
+/// Largest relative error of an iterative Newton direction: the next iterate is not worth more digits.
+const LOOSEST: f64 = 1e-2;
+/// Saddle escapes allowed in one step.
+const MAX_ESCAPES: usize = 8;
+/// Inverse iterations for the most negative direction; it is separated by the shift, so few suffice.
+const INVERSE_ITERATIONS: usize = 12;
+
+/// One step from `start` with `driven` positions at its end, see [`Stepper::step`].
+pub fn step(
+    body: &Body,
+    elasticity: &Elasticity,
+    settings: &Settings,
+    start: &State,
+    driven: &[DVec3],
+) -> Result<(State, StepReport), SimError> {
+    Stepper::new(body, elasticity, settings)?.step(start, driven)
+}
+
+impl Stepper<'_> {
+    /// One step of length frame_time / substeps from `start`; `driven` are the driven vertices' positions [m] at its end.
+    ///
+    /// Not reaching the tolerance is not an error but is in the report.
+    pub fn step(&mut self, start: &State, driven: &[DVec3]) -> Result<(State, StepReport), SimError> {
+        let n = self.body.rest.len();
+        check_len("positions", start.positions.len(), n)?;
+        check_len("velocities", start.velocities.len(), n)?;
+        check_len("driven positions", driven.len(), self.body.driven.len())?;
+        check_finite("position", &start.positions)?;
+        check_finite("velocity", &start.velocities)?;
+        check_finite("driven position", driven)?;
+        let objective = self.objective(start);
+        let mut report = StepReport::default();
+        let mut y = self.predict(&objective, driven, &mut report);
+        self.minimise(&objective, &mut y, &mut report);
+        report.inverted = self.count_inverted(&y);
+        let h = self.settings.step_time();
+        let velocities = y.iter().zip(&start.positions).map(|(y, x)| (*y - *x) / h).collect();
+        Ok((State { positions: y, velocities }, report))
+    }
+
+    /// First guess: driven vertices in place, free ones by the chosen predictor.
+    fn predict(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
+        let start = &objective.start.positions;
+        let mut y = match self.settings.predictor {
+            Predictor::Inertial => objective.target.clone(),
+            Predictor::Rest => start.clone(),
+            Predictor::Linear => self.predict_linear(objective, driven, report),
+        };
+        self.body.driven.iter().zip(driven).for_each(|(&v, d)| y[v as usize] = *d);
+        y
+    }
+
+    /// xⁿ + u, u the driven displacement on driven vertices and the linear response to it and to inertia elsewhere.
+    fn predict_linear(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
+        let start = &objective.start.positions;
+        if self.factor.is_none() {
+            // Clamped: the start may be anything, and a predictor need not be exact.
+            self.assemble(objective, start, Eigenvalues::Clamped);
+            report.factorizations += 1;
+            if !self.factorize(0.0) {
+                return objective.target.clone();
+            }
+        }
+        let mut u = vec![DVec3::ZERO; start.len()];
+        self.body.driven.iter().zip(driven).for_each(|(&v, d)| u[v as usize] = *d - start[v as usize]);
+        let (mut forces, mut coupling) = (u.clone(), u.clone());
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let medium = self.medium(start);
+        assembly::gradient_and_product(&medium, start, &u, &mut scratch, &mut forces, &mut coupling);
+        self.scratch = scratch;
+        let h = self.settings.step_time();
+        let mut rhs = Vec::with_capacity(3 * self.body.free.len());
+        for (&v, m) in self.body.free.iter().zip(&self.free_mass) {
+            let v = v as usize;
+            let pull = *m * (objective.target[v] - start[v]) - h * h * (forces[v] + coupling[v]);
+            rhs.extend(pull.to_array());
+        }
+        self.solve(&mut rhs);
+        let mut y = start.clone();
+        self.add_free(&mut y, 1.0, &rhs);
+        y
+    }
+
+    fn minimise(&mut self, objective: &Objective, y: &mut Vec<DVec3>, report: &mut StepReport) {
+        let eigenvalues = match self.settings.filter {
+            Filter::None | Filter::OnDemand => Eigenvalues::True,
+            Filter::Clamp => Eigenvalues::Clamped,
+            Filter::Absolute => Eigenvalues::Absolute,
+        };
+        let h = self.settings.step_time();
+        let mut now = self.assemble(objective, y, eigenvalues);
+        let mut speed = f64::INFINITY;
+        while report.newton < self.settings.max_newton {
+            let Some((dx, modified)) = self.direction(objective, y, &now.gradient, speed, report) else { return };
+            report.newton += 1;
+            speed = dx.iter().fold(0.0f64, |m, d| m.max(d.abs())) / h;
+            report.residual = speed;
+            if !speed.is_finite() {
+                return;
+            }
+            if speed < self.settings.tolerance {
+                self.add_free(y, 1.0, &dx);
+                report.converged = true;
+                report.saddle = modified && eigenvalues == Eigenvalues::True;
+                if !report.saddle || report.saddle_escapes == MAX_ESCAPES {
+                    return;
+                }
+                match self.escape(objective, y, report) {
+                    Some(next) => (now, speed, report.converged, report.saddle) = (next, f64::INFINITY, false, false),
+                    None => return,
+                }
+                continue;
+            }
+            match self.advance(objective, y, &now, &dx, eigenvalues, report) {
+                Some(next) => now = next,
+                None => return,
+            }
+        }
+    }
+
+    /// −A⁻¹ G, and whether A had to be modified; none where the filter forbids modifying an indefinite A.
+    fn direction(
+        &mut self,
+        objective: &Objective,
+        y: &[DVec3],
+        gradient: &[f64],
+        last_speed: f64,
+        report: &mut StepReport,
+    ) -> Option<(Vec<f64>, bool)> {
+        let negated = |g: &[f64]| -> Vec<f64> { g.iter().map(|v| -v).collect() };
+        if self.factor.is_some() && last_speed.is_finite() {
+            let wanted = (self.settings.tolerance / last_speed).clamp(1e-10, LOOSEST);
+            let (dx, ended) = self.iterate(gradient, wanted, self.iteration_limit());
+            if let Ended::Converged { iterations } = ended {
+                report.conjugate_gradients += iterations;
+                return Some((negated(&dx), false));
+            }
+        }
+        report.factorizations += 1;
+        let mut modified = false;
+        if !self.factorize(0.0) {
+            report.indefinite += 1;
+            if self.settings.filter == Filter::None {
+                return None;
+            }
+            modified = true;
+            self.factorize_modified(objective, y, report)?;
+        }
+        let mut dx = negated(gradient);
+        self.solve(&mut dx);
+        Some((dx, modified))
+    }
+
+    /// Shifts by growing multiples of the mass, then clamps the elements' eigenvalues.
+    fn factorize_modified(&mut self, objective: &Objective, y: &[DVec3], report: &mut StepReport) -> Option<()> {
+        let mut shift = self.shift_guess;
+        for _ in 0..MAX_SHIFTS {
+            report.factorizations += 1;
+            if self.factorize(shift) {
+                self.shift_guess = (shift / 4.0).max(0.05);
+                return Some(());
+            }
+            shift *= 4.0;
+        }
+        self.assemble(objective, y, Eigenvalues::Clamped);
+        report.factorizations += 1;
+        self.factorize(0.0).then_some(())
+    }
+
+    /// Line search from y along dx; moves y and assembles there. None when no decrease can be found.
+    fn advance(
+        &mut self,
+        objective: &Objective,
+        y: &mut Vec<DVec3>,
+        now: &Assembled,
+        dx: &[f64],
+        eigenvalues: Eigenvalues,
+        report: &mut StepReport,
+    ) -> Option<Assembled> {
+        let slope: f64 = now.gradient.iter().zip(dx).map(|(g, d)| g * d).sum();
+        let enough = |value: f64, a: f64| {
+            value <= now.value + ARMIJO * a * slope || (value - now.value).abs() <= NOISE * now.value.abs()
+        };
+        let moved = |stepper: &Self, a: f64| {
+            let mut trial = y.clone();
+            stepper.add_free(&mut trial, a, dx);
+            trial
+        };
+        // The full step is nearly always taken: assemble there at once instead of asking for the energy first.
+        let full = moved(self, 1.0);
+        let next = self.assemble(objective, &full, eigenvalues);
+        if enough(next.value, 1.0) {
+            *y = full;
+            return Some(next);
+        }
+        let mut a = 1.0;
+        for _ in 0..MAX_CUTS {
+            a *= 0.5;
+            report.line_search_cuts += 1;
+            let trial = moved(self, a);
+            if enough(self.value(objective, &trial), a) {
+                *y = trial;
+                return Some(self.assemble(objective, y, eigenvalues));
+            }
+        }
+        None
+    }
+
+    /// Pushes y out of a saddle along the most negative curvature; none where no descent was found.
+    fn escape(&mut self, objective: &Objective, y: &mut Vec<DVec3>, report: &mut StepReport) -> Option<Assembled> {
+        let now = self.assemble(objective, y, Eigenvalues::True);
+        let mut rng = SplitMix64(0x5add1e);
+        let mut v: Vec<f64> = now.gradient.iter().map(|_| rng.normal()).collect();
+        // Inverse iteration on (A + βM)⁻¹ M converges to the lowest eigenvector of A relative to M.
+        for _ in 0..INVERSE_ITERATIONS {
+            v.iter_mut().enumerate().for_each(|(i, v)| *v *= self.free_mass[i / 3]);
+            self.solve(&mut v);
+            let norm = v.iter().enumerate().map(|(i, v)| self.free_mass[i / 3] * v * v).sum::<f64>().sqrt();
+            v.iter_mut().for_each(|v| *v /= norm);
+        }
+        let mut av = vec![0.0; v.len()];
+        self.matrix.times(&v, &mut av);
+        let curvature: f64 = v.iter().zip(&av).map(|(v, a)| v * a).sum();
+        if curvature >= 0.0 {
+            return None;
+        }
+        let slope: f64 = v.iter().zip(&now.gradient).map(|(v, g)| v * g).sum();
+        let sign = if slope > 0.0 { -1.0 } else { 1.0 };
+        let largest = v.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        // From a tenth of the body's mean tet size down.
+        let size = (self.body.volume.iter().sum::<f64>() / self.body.volume.len() as f64).cbrt();
+        let mut a = 0.1 * size / largest;
+        for _ in 0..MAX_CUTS {
+            let mut trial = y.clone();
+            self.add_free(&mut trial, sign * a, &v);
+            if self.value(objective, &trial) < now.value + 0.1 * curvature * a * a {
+                *y = trial;
+                report.saddle_escapes += 1;
+                return Some(self.assemble(objective, y, Eigenvalues::True));
+            }
+            a *= 0.5;
+        }
+        None
+    }
+}

@@ -1,0 +1,195 @@
+//! The gradient of whole trajectories against central differences of whole simulations:
+//! every model × {near rest, squashed, inverted} × {E, ν, density, driven motion, initial state, gravity, damping}.
+
+use animimic_math::gradcheck::{SplitMix64, gradient_error};
+use animimic_sim::fixtures::beam;
+use animimic_sim::{
+    Body, Elasticity, Gradient, Model, Settings, Simulation, State, sensitivities, simulate, simulate_vjp,
+};
+use glam::{DMat3, DVec3};
+
+const FRAMES: usize = 3;
+const STEPS: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
+
+/// Everything a trajectory depends on.
+#[derive(Clone)]
+struct Inputs {
+    elasticity: Elasticity,
+    settings: Settings,
+    start: State,
+    path: Vec<Vec<DVec3>>,
+}
+
+struct Case {
+    body: Body,
+    inputs: Inputs,
+    /// Loss weights: L = Σ w·x + ½ Σ |x|².
+    weights: Vec<Vec<DVec3>>,
+}
+
+fn random(rng: &mut SplitMix64) -> DVec3 {
+    DVec3::new(rng.normal(), rng.normal(), rng.normal())
+}
+
+/// A small beam held at x = 0 whose start is mapped by `f`; moduli, velocities, path and loss are random.
+fn case(model: Model, f: DMat3, damped: bool) -> Case {
+    let mesh = beam([3, 1, 1], [0.9, 0.3, 0.3]);
+    let driven = [0u32, 1, 2, 3];
+    let mut rng = SplitMix64(21);
+    let cluster: Vec<u32> = (0..mesh.tets.len() as u32).map(|t| t % 3).collect();
+    let ln_youngs = (0..3).map(|_| (2e3 * (1.0 + rng.uniform())).ln()).collect();
+    let elasticity = Elasticity { model, cluster, ln_youngs, poisson: 0.3, density: 900.0 };
+    let positions: Vec<DVec3> = mesh.positions.iter().map(|p| f * *p + 0.004 * random(&mut rng)).collect();
+    let velocities = mesh.positions.iter().map(|_| 0.3 * random(&mut rng)).collect();
+    let held: Vec<DVec3> = driven.iter().map(|&v| positions[v as usize]).collect();
+    let path =
+        (0..FRAMES).map(|n| held.iter().map(|p| *p + 0.01 * (n + 1) as f64 * random(&mut rng)).collect()).collect();
+    let mut settings = Settings { frame_time: 0.02, substeps: 2, tolerance: 1e-11, ..Settings::default() };
+    if damped {
+        settings.gravity = DVec3::new(0.3, -2.0, 0.5);
+        settings.mass_damping = 1.5;
+        settings.stiffness_damping = 0.1;
+    }
+    let weights = (0..FRAMES).map(|_| mesh.positions.iter().map(|_| random(&mut rng)).collect()).collect();
+    let body = Body::new(&mesh, &driven).expect("a good mesh");
+    Case { body, inputs: Inputs { elasticity, settings, start: State { positions, velocities }, path }, weights }
+}
+
+fn run(body: &Body, i: &Inputs) -> Simulation {
+    let motion = simulate(body, &i.elasticity, &i.settings, &i.start, &i.path).expect("good input");
+    assert!(motion.unconverged().is_empty(), "unconverged {:?}", motion.reports);
+    motion
+}
+
+fn loss(c: &Case, motion: &Simulation) -> f64 {
+    let pairs = motion.frames().zip(&c.weights).flat_map(|(x, w)| x.iter().zip(w));
+    pairs.map(|(x, w)| x.dot(*w) + 0.5 * x.length_squared()).sum()
+}
+
+fn gradient(c: &Case, motion: &Simulation) -> Gradient {
+    let d: Vec<Vec<DVec3>> =
+        motion.frames().zip(&c.weights).map(|(x, w)| x.iter().zip(w).map(|(x, w)| *x + *w).collect()).collect();
+    simulate_vjp(&c.body, &c.inputs.elasticity, &c.inputs.settings, motion, &d).expect("good input")
+}
+
+fn flat(x: &[DVec3]) -> Vec<f64> {
+    x.iter().flat_map(|p| p.to_array()).collect()
+}
+
+fn points(x: &[f64]) -> Vec<DVec3> {
+    x.as_chunks::<3>().0.iter().map(|p| DVec3::from_array(*p)).collect()
+}
+
+/// A named parameter: its value, its gradient, and how to put another value in its place.
+type Parameter = (&'static str, Vec<f64>, Vec<f64>, fn(&mut Inputs, &[f64]));
+
+fn parameters(i: &Inputs, g: &Gradient, damped: bool) -> Vec<Parameter> {
+    let mut list: Vec<Parameter> = vec![
+        ("ln E", i.elasticity.ln_youngs.clone(), g.d_ln_youngs.clone(), |i, p| i.elasticity.ln_youngs = p.to_vec()),
+        ("ν", vec![i.elasticity.poisson], vec![g.d_poisson], |i, p| i.elasticity.poisson = p[0]),
+        ("ln ρ", vec![i.elasticity.density.ln()], vec![g.d_density * i.elasticity.density], |i, p| {
+            i.elasticity.density = p[0].exp();
+        }),
+        ("driven path", flat(&i.path.concat()), flat(&g.d_path.concat()), |i, p| {
+            i.path = points(p).chunks(i.path[0].len()).map(<[_]>::to_vec).collect();
+        }),
+        ("initial positions", flat(&i.start.positions), flat(&g.d_start.positions), |i, p| {
+            i.start.positions = points(p)
+        }),
+        ("initial velocities", flat(&i.start.velocities), flat(&g.d_start.velocities), |i, p| {
+            i.start.velocities = points(p);
+        }),
+    ];
+    if damped {
+        list.push(("gravity", i.settings.gravity.to_array().to_vec(), g.d_gravity.to_array().to_vec(), |i, p| {
+            i.settings.gravity = DVec3::from_slice(p);
+        }));
+        let (alpha, beta) = (i.settings.mass_damping, i.settings.stiffness_damping);
+        list.push(("ln α", vec![alpha.ln()], vec![g.d_mass_damping * alpha], |i, p| {
+            i.settings.mass_damping = p[0].exp()
+        }));
+        list.push(("ln β", vec![beta.ln()], vec![g.d_stiffness_damping * beta], |i, p| {
+            i.settings.stiffness_damping = p[0].exp();
+        }));
+    }
+    list
+}
+
+fn states() -> [(&'static str, DMat3); 3] {
+    [
+        ("near rest", DMat3::IDENTITY),
+        ("squashed", DMat3::from_diagonal(DVec3::new(1.0, 0.45, 1.1))),
+        ("inverted", DMat3::from_diagonal(DVec3::new(1.0, 1.0, -0.5))),
+    ]
+}
+
+fn check(model: Model, state: &str, f: DMat3, damped: bool) -> f64 {
+    let c = case(model, f, damped);
+    let motion = run(&c.body, &c.inputs);
+    let g = gradient(&c, &motion);
+    let mut worst = 0.0f64;
+    for (name, value, analytic, put) in parameters(&c.inputs, &g, damped) {
+        let perturbed = |p: &[f64]| {
+            let mut inputs = c.inputs.clone();
+            put(&mut inputs, p);
+            loss(&c, &run(&c.body, &inputs))
+        };
+        let error = gradient_error(perturbed, &value, &analytic, 3, &STEPS, 4);
+        println!("{} {state}{}: {name} {error:.1e}", model.name(), if damped { " damped" } else { "" });
+        worst = worst.max(error);
+    }
+    worst
+}
+
+#[test]
+fn trajectory_gradients_of_every_model_and_state_are_exact() {
+    for model in Model::ALL {
+        for (state, f) in states() {
+            assert!(check(model, state, f, false) < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn trajectory_gradients_with_gravity_and_damping_are_exact() {
+    for model in Model::ALL {
+        for (state, f) in states() {
+            assert!(check(model, state, f, true) < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn forward_sensitivities_agree_with_the_adjoint() {
+    for model in Model::ALL {
+        let mut c = case(model, DMat3::IDENTITY, false);
+        c.inputs.settings.mass_damping = 0.7;
+        let motion = run(&c.body, &c.inputs);
+        let s = sensitivities(&c.body, &c.inputs.elasticity, &c.inputs.settings, &motion).expect("good input");
+        let expected = gradient(&c, &motion).d_ln_youngs;
+        for (cluster, expected) in expected.iter().enumerate() {
+            let mut sum = 0.0;
+            for (n, x) in motion.frames().enumerate() {
+                for (f, &v) in c.body.free.iter().enumerate() {
+                    let d = x[v as usize] + c.weights[n][v as usize];
+                    sum += DVec3::from_slice(&s.frames[n][cluster][3 * f..3 * f + 3]).dot(d);
+                }
+            }
+            let error = (sum - expected).abs() / expected.abs();
+            println!("{} cluster {cluster}: sensitivities against adjoint {error:.1e}", model.name());
+            assert!(error < 1e-8);
+        }
+    }
+}
+
+#[test]
+fn kept_factors_give_the_same_gradient() {
+    let mut c = case(Model::FixedCorotated, DMat3::IDENTITY, false);
+    let expected = gradient(&c, &run(&c.body, &c.inputs)).d_ln_youngs;
+    c.inputs.settings.factor_memory = 3 * c.body.factor_bytes();
+    let kept = gradient(&c, &run(&c.body, &c.inputs)).d_ln_youngs;
+    for (a, b) in expected.iter().zip(&kept) {
+        println!("recomputed {a:.12e}, kept {b:.12e}");
+        assert!((a - b).abs() < 1e-9 * a.abs());
+    }
+}

@@ -1,0 +1,267 @@
+//! Masks on a plain background: difference to a background model, largest regions, soft edge.
+//!
+//! Two thresholds: beyond the upper a pixel is object; down to the lower, which follows the background's own noise, it is
+//! where it forms areas and not just the ringing that compression leaves around edges (white fur on light grey).
+//!
+//! Inside the edge band a pixel is a mixture α·object + (1 − α)·background, so that α = ΔY / ΔY_object with the *luma*
+//! difference: the chroma of 4:2:0 video reaches two pixels beyond the object (its halo costs 3 % IoU).
+
+use super::background::Background;
+use super::regions::{depth, regions};
+use animimic_scene::{Image, Mask, Video};
+use rayon::prelude::*;
+
+/// Settings of [`masks`].
+#[derive(Clone, Debug)]
+pub struct MaskOptions {
+    /// Difference to the background beyond which a pixel is object [levels].
+    pub threshold: f32,
+    /// Width of the band at the edge in which coverage is measured by luma contrast [px].
+    pub band: f32,
+    /// Regions smaller than this share of the largest are dropped.
+    pub smallest_share: f64,
+}
+
+impl Default for MaskOptions {
+    fn default() -> Self {
+        Self { threshold: 14.0, band: 3.0, smallest_share: 0.003 }
+    }
+}
+
+/// Masks with what they rest on.
+#[derive(Clone, Debug, Default)]
+pub struct MaskCue {
+    /// Coverage \[frame\].
+    pub masks: Vec<Mask>,
+    /// The background that was found; no frames in it when the masks came from the video's own alpha.
+    pub background: Background,
+    /// In \[0, 1\] \[frame\]: low where the border does not look like a plain background.
+    pub confidence: Vec<f32>,
+}
+
+/// Luma contrast below which chroma decides as well [levels].
+const MIN_LUMA_CONTRAST: f32 = 18.0;
+/// The lower threshold is this far above the noise: factor on its 99.5th percentile, plus levels; never below the third.
+const NOISE_FACTOR: f32 = 1.5;
+const NOISE_MARGIN: f32 = 1.5;
+const MIN_THRESHOLD: f32 = 3.5;
+/// Ringing reaches this far from an edge; weak areas are wider than twice this [px at 512 rows].
+const RINGING: f32 = 2.0;
+/// Notches in weak areas up to twice this width are closed [px at 512 rows].
+const NOTCH: f32 = 4.0;
+/// Gaps whose rim differs less than this from the background are places where the object has the background's colour.
+const WEAK_RIM: f32 = 24.0;
+/// Corner in which small static regions are watermarks (share of width and height).
+const CORNER: (f64, f64) = (0.25, 0.15);
+/// A watermark is at most this share of the object.
+const WATERMARK_SHARE: f64 = 0.05;
+/// Residual at the border at which confidence has fallen to a half [levels].
+const HALF_CONFIDENCE: f64 = 6.0;
+
+/// Masks of the object in front of a plain background; the video's own alpha where it has one.
+pub fn masks(video: &Video, options: &MaskOptions) -> MaskCue {
+    if video.frames.is_empty() {
+        return MaskCue::default();
+    }
+    if video.alpha.len() == video.frames.len() {
+        let confidence = vec![1.0; video.frames.len()];
+        return MaskCue { masks: video.alpha.clone(), background: Background::default(), confidence };
+    }
+    let segment_all = |background: &Background, weak: f32| -> Vec<Mask> {
+        let one = |t: usize| segment(&video.frames[t], t, background, options, weak);
+        (0..video.frames.len()).into_par_iter().map(one).collect()
+    };
+    let first = Background::from_border(video);
+    let rough = segment_all(&first, options.threshold);
+    // A margin keeps shadows and halos at the object's edge out of the second fit.
+    let margin = (video.frames[0].height / 32).max(3) as f32;
+    let near: Vec<Vec<f32>> =
+        rough.par_iter().map(|m| depth(&m.coverage.iter().map(|&c| c < 128).collect::<Vec<_>>(), m.width)).collect();
+    let width = video.frames[0].width;
+    let background = first.refitted(video, &|t, x, y| near[t][y * width + x] < margin);
+    let weak = weak_threshold(video, &background, &near, margin, options);
+    let masks = segment_all(&background, weak);
+    let confidence = background.residual.iter().map(|r| (1.0 / (1.0 + (r / HALF_CONFIDENCE).powi(2))) as f32).collect();
+    MaskCue { masks, background, confidence }
+}
+
+/// Difference to the background: luma (signed) and the largest channel difference.
+struct Difference {
+    luma: Vec<f32>,
+    color: Vec<f32>,
+}
+
+impl Difference {
+    fn new(image: &Image, t: usize, background: &Background) -> Self {
+        let n = image.rgb.len();
+        let (mut luma, mut color) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        for y in 0..image.height {
+            for x in 0..image.width {
+                let b = background.at(image, t, x, y);
+                let d: [f32; 3] = std::array::from_fn(|c| f32::from(image.at(x, y)[c]) - b[c]);
+                luma.push(0.299 * d[0] + 0.587 * d[1] + 0.114 * d[2]);
+                color.push(d.iter().fold(0.0, |m, v| v.abs().max(m)));
+            }
+        }
+        Self { luma, color }
+    }
+}
+
+/// The lower threshold, from the background's noise away from the object.
+fn weak_threshold(
+    video: &Video,
+    background: &Background,
+    near: &[Vec<f32>],
+    margin: f32,
+    options: &MaskOptions,
+) -> f32 {
+    let step = (video.frames.len() / 6).max(1);
+    let mut noise: Vec<f32> = (0..video.frames.len())
+        .step_by(step)
+        .flat_map(|t| {
+            let color = Difference::new(&video.frames[t], t, background).color;
+            let away = color.into_iter().zip(&near[t]).filter(|(_, n)| **n >= margin);
+            away.map(|(d, _)| d).collect::<Vec<f32>>()
+        })
+        .collect();
+    if noise.is_empty() {
+        return options.threshold;
+    }
+    let at = (noise.len() * 995 / 1000).min(noise.len() - 1);
+    let level = *noise.select_nth_unstable_by(at, f32::total_cmp).1;
+    (NOISE_FACTOR * level + NOISE_MARGIN).max(MIN_THRESHOLD).min(options.threshold)
+}
+
+fn segment(image: &Image, t: usize, background: &Background, options: &MaskOptions, weak: f32) -> Mask {
+    let (w, h) = (image.width, image.height);
+    let difference = Difference::new(image, t, background);
+    let mut set: Vec<bool> = difference.color.iter().map(|&d| d > options.threshold).collect();
+    if weak < options.threshold {
+        let scale = h as f32 / 512.0;
+        add_weak_areas(&mut set, &difference.color, weak, w, (RINGING * scale).max(1.0));
+        close_weak_gaps(&mut set, &difference.color, w, (NOTCH * scale).max(1.0));
+    }
+    let kept = kept_regions(&set, w, h, options);
+    let coverage = soft_edge(&kept, &difference, w, options);
+    Mask { width: w, height: h, coverage }
+}
+
+/// Pixels within `radius` of set ones.
+fn dilated(set: &[bool], w: usize, radius: f32) -> Vec<bool> {
+    let outside: Vec<bool> = set.iter().map(|s| !s).collect();
+    depth(&outside, w).into_iter().map(|d| d <= radius).collect()
+}
+
+/// Adds weak pixels that form areas: opened by `ringing`, then grown back.
+fn add_weak_areas(set: &mut [bool], color: &[f32], weak: f32, w: usize, ringing: f32) {
+    let candidates: Vec<bool> = set.iter().zip(color).map(|(&s, &d)| !s && d > weak).collect();
+    let core: Vec<bool> = depth(&candidates, w).into_iter().map(|d| d > ringing).collect();
+    let grown = dilated(&core, w, ringing + 1.5);
+    for ((s, c), g) in set.iter_mut().zip(candidates).zip(grown) {
+        *s |= c && g;
+    }
+}
+
+/// Fills holes and notches (up to twice `radius` wide) with a weak rim: there the object has the background's colour.
+fn close_weak_gaps(set: &mut [bool], color: &[f32], w: usize, radius: f32) {
+    let h = set.len() / w;
+    let wide = dilated(set, w, radius);
+    let closed: Vec<bool> = depth(&wide, w).into_iter().map(|d| d > radius).collect();
+    let outside: Vec<bool> = set.iter().map(|s| !s).collect();
+    let mut gap: Vec<bool> = closed.iter().zip(set.iter()).map(|(&c, &s)| c && !s).collect();
+    for hole in regions(&outside, w).iter().filter(|r| !r.touches_border(w, h)) {
+        for &i in &hole.pixels {
+            gap[i as usize] = true;
+        }
+    }
+    for region in regions(&gap, w) {
+        let mut rim: Vec<f32> = Vec::new();
+        for &i in &region.pixels {
+            let (x, y) = (i as usize % w, i as usize / w);
+            for (dx, dy) in [(-1i64, 0i64), (1, 0), (0, -1), (0, 1)] {
+                let (u, v) = (x as i64 + dx, y as i64 + dy);
+                if u >= 0 && v >= 0 && (u as usize) < w && (v as usize) < h && set[v as usize * w + u as usize] {
+                    rim.push(color[v as usize * w + u as usize]);
+                }
+            }
+        }
+        let middle = rim.len() / 2;
+        if !rim.is_empty() && *rim.select_nth_unstable_by(middle, f32::total_cmp).1 < WEAK_RIM {
+            for &i in &region.pixels {
+                set[i as usize] = true;
+            }
+        }
+    }
+}
+
+/// The largest region and those not much smaller, without corner watermarks; pinholes are closed.
+fn kept_regions(set: &[bool], w: usize, h: usize, options: &MaskOptions) -> Vec<bool> {
+    let mut kept = vec![false; set.len()];
+    let list = regions(set, w);
+    let Some(largest) = list.first().map(|r| r.pixels.len() as f64) else { return kept };
+    for (k, region) in list.iter().enumerate() {
+        let area = region.pixels.len() as f64;
+        if area < options.smallest_share * largest || area < 12.0 {
+            break;
+        }
+        let near_side = (region.x.1 as f64) < CORNER.0 * w as f64 || (region.x.0 as f64) > (1.0 - CORNER.0) * w as f64;
+        let near_end = (region.y.1 as f64) < CORNER.1 * h as f64 || (region.y.0 as f64) > (1.0 - CORNER.1) * h as f64;
+        if k > 0 && near_side && near_end && area < WATERMARK_SHARE * largest {
+            continue;
+        }
+        for &i in &region.pixels {
+            kept[i as usize] = true;
+        }
+    }
+    let gaps: Vec<bool> = kept.iter().map(|k| !k).collect();
+    let smallest_gap = (options.smallest_share * largest).max(12.0);
+    for gap in regions(&gaps, w) {
+        if !gap.touches_border(w, h) && (gap.pixels.len() as f64) < smallest_gap {
+            for &i in &gap.pixels {
+                kept[i as usize] = true;
+            }
+        }
+    }
+    kept
+}
+
+/// Coverage: 255 deep inside; in the edge band the luma (or, without luma contrast, colour) relative to the object's.
+fn soft_edge(kept: &[bool], difference: &Difference, w: usize, options: &MaskOptions) -> Vec<u8> {
+    let h = kept.len() / w;
+    let inner = depth(kept, w);
+    let reach = options.band.ceil() as usize + 1;
+    let mut coverage = vec![0u8; kept.len()];
+    for y in 0..h {
+        for x in 0..w {
+            let i = y * w + x;
+            if !kept[i] {
+                continue;
+            }
+            if inner[i] > options.band {
+                coverage[i] = 255;
+                continue;
+            }
+            // The object's own contrast: mean over the deepest pixels of the neighbourhood.
+            let (mut luma, mut color, mut weight) = (0.0f32, 0.0f32, 0.0f32);
+            for v in y.saturating_sub(reach)..(y + reach + 1).min(h) {
+                for u in x.saturating_sub(reach)..(x + reach + 1).min(w) {
+                    let j = v * w + u;
+                    if kept[j] {
+                        let k = inner[j].min(options.band + 1.0).powi(4);
+                        luma += k * difference.luma[j];
+                        color += k * difference.color[j];
+                        weight += k;
+                    }
+                }
+            }
+            let (luma, color) = (luma / weight, color / weight);
+            let alpha = if luma.abs() >= MIN_LUMA_CONTRAST {
+                difference.luma[i] / luma
+            } else {
+                difference.color[i] / color.max(1.0)
+            };
+            coverage[i] = (255.0 * alpha.clamp(0.0, 1.0)).round() as u8;
+        }
+    }
+    coverage
+}

@@ -1,0 +1,116 @@
+"""Imports GLBs into Blender (bpy 5.0.1, CPython 3.11), plays every clip and compares the deformed vertices with our own forward kinematics.
+
+    python blender.py FOLDER   (NAME.glb beside NAME.npz)
+
+With merge_vertices off the importer keeps every vertex, object by object in file order.
+"""
+import json
+import struct
+import sys
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+TOLERANCE = 1e-4
+
+
+def mesh_nodes(path):
+    """Names of the mesh nodes in node order, and their vertex counts."""
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    j = json.loads(data[20 : 20 + length])
+    out = []
+    for i, node in enumerate(j["nodes"]):
+        if "mesh" in node:
+            primitives = j["meshes"][node["mesh"]]["primitives"]
+            out.append((i, node.get("name"), sum(j["accessors"][p["attributes"]["POSITION"]]["count"] for p in primitives)))
+    return j, out
+
+
+def deformed(objects):
+    """World positions of all objects' evaluated vertices in glTF axes (y up)."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    parts = []
+    for o in objects:
+        e = o.evaluated_get(graph)
+        mesh = e.to_mesh()
+        v = np.empty(len(mesh.vertices) * 3)
+        mesh.vertices.foreach_get("co", v)
+        m = np.array(e.matrix_world)
+        w = v.reshape(-1, 3) @ m[:3, :3].T + m[:3, 3]
+        parts.append(np.c_[w[:, 0], w[:, 2], -w[:, 1]])
+        e.to_mesh_clear()
+    return parts
+
+
+def single_clip(path, k, folder):
+    """The same GLB with clip `k` only: what one clip does not key, Blender would leave as the clip before it did."""
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    j = json.loads(data[20 : 20 + length])
+    j["animations"] = [j["animations"][k]]
+    text = json.dumps(j).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    out = folder / path.name
+    out.write_bytes(struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest)
+    return out
+
+
+def check(path, folder):
+    z = np.load(path.with_suffix(".npz"))
+    worst, k = 0.0, 0
+    while f"clip_{k}_times" in z.files:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        glb = single_clip(path, k, folder)
+        _, nodes = mesh_nodes(glb)
+        # The frame rate of the keys, so that they fall on whole frames.
+        bpy.context.scene.render.fps = 24
+        bpy.ops.import_scene.gltf(filepath=str(glb), merge_vertices=False, disable_bone_shape=True)
+        ordered = in_node_order([o for o in bpy.data.objects if o.type == "MESH"], nodes)
+        # The importer puts time 0 at the scene's first frame.
+        strips = [s for o in bpy.data.objects if o.animation_data for t in o.animation_data.nla_tracks for s in t.strips]
+        for o in bpy.data.objects:
+            if o.animation_data:
+                o.animation_data.action = None
+                for track in o.animation_data.nla_tracks:
+                    track.mute = False
+        start = strips[0].frame_start - strips[0].action_frame_start if strips else 0.0
+        for time, ours in zip(z[f"clip_{k}_times"], z[f"clip_{k}_vertices"]):
+            frame = start + time * bpy.context.scene.render.fps
+            bpy.context.scene.frame_set(int(np.floor(frame + 1e-6)))
+            theirs = np.concatenate(deformed(ordered))
+            worst = max(worst, float(np.linalg.norm(theirs - ours, axis=1).max() / z["diagonal"]))
+        k += 1
+    return worst
+
+
+def in_node_order(imported, nodes):
+    ordered = []
+    for _, name, count in nodes:
+        free = [o for o in imported if o not in ordered and len(o.data.vertices) == count]
+        match = [o for o in free if o.name == name] or [o for o in free if name and o.name.split(".")[0] == name.split(".")[0]] or free
+        if not match:
+            raise ValueError(f"no object of {count} vertices for node {name}")
+        ordered.append(match[0])
+    return ordered
+
+
+scratch = Path(tempfile.mkdtemp())
+bad, overall, total = 0, 0.0, 0
+for glb in sorted(Path(sys.argv[1]).glob("*.glb")):
+    total += 1
+    try:
+        worst = check(glb, scratch)
+    except Exception as error:  # noqa: BLE001 (every failure counts against the file)
+        print(f"blender {glb.stem}: {error}")
+        worst = np.inf
+    if worst <= TOLERANCE:
+        overall = max(overall, worst)
+    else:
+        bad += 1
+        print(f"blender {glb.stem}: {worst:.2e} of the diagonal", flush=True)
+print(f"blender: {total - bad} of {total} files within {TOLERANCE}, worst of these {overall:.2e}")
+sys.exit(bad > 0)
