@@ -1,4 +1,5 @@
 //! Each line of the GLB writer's checklist, on files read back.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 
