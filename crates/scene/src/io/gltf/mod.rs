@@ -63,14 +63,12 @@ impl Format for Gltf {
     }
 
     fn read(&self, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> Result<Asset, SceneError> {
-        let loaded = container::open(bytes, path)?;
-        let (mut json, mut buffers, mut warnings) = (loaded.json, loaded.buffers, loaded.warnings);
-        check_extensions(&Place::root(&json))?;
+        let mut loaded = container::open(bytes, path)?;
+        check_extensions(&Place::root(&loaded.json))?;
         if options.repair {
-            let (mended, with, sentences) = repair::mend(json, buffers)?;
-            (json, buffers) = (mended, with);
-            warnings.extend(sentences);
+            loaded = repair::mend(loaded)?;
         }
+        let container::Loaded { json, buffers, mut warnings } = loaded;
         let (mesh, rig, looks) = interpret(&json, &buffers, &mut warnings)?;
         Ok(Asset { mesh, looks, rig, motions: Vec::new(), source: Source::Gltf { json, buffers }, warnings })
     }

@@ -4,11 +4,12 @@
 //! influences get weight 0. Mended data go to new accessors; the original bytes stay.
 
 use super::accessor::Document;
+use super::container::Loaded;
 use super::geometry::expand;
 use super::json::Place;
 use super::write::{Output, Use};
 use crate::io::SceneError;
-use serde_json::{Value, json};
+use serde_json::json;
 
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
@@ -19,24 +20,29 @@ struct Mended {
     primitive: usize,
     positions: Option<Vec<[f32; 3]>>,
     indices: Option<Vec<u32>>,
-    /// Set number, joints, weights.
-    influences: Vec<(usize, Vec<u16>, Vec<[f32; 4]>)>,
+    influences: Vec<InfluenceSet>,
 }
 
-/// The document without what breaks it, and a sentence for each thing mended.
-pub(super) fn mend(json: Value, buffers: Vec<Vec<u8>>) -> Result<(Value, Vec<Vec<u8>>, Vec<String>), SceneError> {
-    let mut warnings = Vec::new();
-    let mended = find(&Document::new(&json, &buffers)?, &mut warnings)?;
+/// New `JOINTS_n` and `WEIGHTS_n`.
+struct InfluenceSet {
+    set: usize,
+    joints: Vec<u16>,
+    weights: Vec<[f32; 4]>,
+}
+
+/// The document without what breaks it, and a warning for each thing mended.
+pub(super) fn mend(mut loaded: Loaded) -> Result<Loaded, SceneError> {
+    let mended = find(&Document::new(&loaded.json, &loaded.buffers)?, &mut loaded.warnings)?;
     if mended.is_empty() {
-        return Ok((json, buffers, warnings));
+        return Ok(loaded);
     }
-    let mut out = Output::patching(json, &buffers);
+    let mut out = Output::patching(loaded.json, &loaded.buffers);
     for m in mended {
         let positions = m.positions.map(|p| out.floats(&p, Use::Vertices, true));
         let indices =
             m.indices.map(|i| out.integers(bytemuck::cast_slice(&i), UNSIGNED_INT, "SCALAR", i.len(), Use::Indices));
         let mut influences = Vec::new();
-        for (set, joints, weights) in m.influences {
+        for InfluenceSet { set, joints, weights } in m.influences {
             let bytes: Vec<u8> = joints.iter().flat_map(|j| j.to_le_bytes()).collect();
             let joints = out.integers(&bytes, UNSIGNED_SHORT, "VEC4", weights.len(), Use::Vertices);
             influences.push((set, joints, out.floats(&weights, Use::Vertices, false)));
@@ -55,7 +61,7 @@ pub(super) fn mend(json: Value, buffers: Vec<Vec<u8>>) -> Result<(Value, Vec<Vec
         }
     }
     let (json, buffers) = out.into_parts();
-    Ok((json, buffers, warnings))
+    Ok(Loaded { json, buffers, warnings: loaded.warnings })
 }
 
 fn find(document: &Document, warnings: &mut Vec<String>) -> Result<Vec<Mended>, SceneError> {
@@ -139,7 +145,7 @@ fn influences(
     primitive: &Place,
     joint_count: usize,
     warnings: &mut Vec<String>,
-) -> Result<Vec<(usize, Vec<u16>, Vec<[f32; 4]>)>, SceneError> {
+) -> Result<Vec<InfluenceSet>, SceneError> {
     let attributes = primitive.need("attributes")?;
     let mut sets = Vec::new();
     for set in 0.. {
@@ -158,8 +164,11 @@ fn influences(
         }
         if bad > 0 {
             warnings.push(format!("repaired: dropped {bad} unusable influences of {}", attributes.pointer));
-            let rows = weights.as_chunks::<4>().0.iter().map(|r| r.map(|x| x as f32)).collect();
-            sets.push((set, joints.iter().map(|&x| x as u16).collect(), rows));
+            sets.push(InfluenceSet {
+                set,
+                joints: joints.iter().map(|&x| x as u16).collect(),
+                weights: weights.as_chunks::<4>().0.iter().map(|r| r.map(|x| x as f32)).collect(),
+            });
         }
     }
     Ok(sets)
