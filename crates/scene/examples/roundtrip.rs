@@ -1,7 +1,7 @@
 //! Writes models again with clips, and our own forward kinematics of them, for the outside judges in `tests/interop`.
 //!
 //! `roundtrip OUT_DIR MODEL…` makes `OUT_DIR/NAME.glb` and `OUT_DIR/NAME.npz` (`names` in the clips' order as `clip_K_times` [s] and
-//! `clip_K_vertices`, \[time\]\[vertex\]\[xyz\] in the order (node, primitive); `diagonal`). Models with clips get those, resampled through
+//! `clip_K_vertices`, \[time\]\[vertex\]\[xyz\] in the order (node, primitive); `diagonal`; `rest`). Models with clips get those, resampled through
 //! [`Motion`]; others a swing of every joint; models without skeleton are given a chain of three joints.
 
 use animimic_scene::io::gltf::{ExportOptions, clips, write_clips};
@@ -53,8 +53,11 @@ fn roundtrip(model: &Path, folder: &Path) -> Result<String, Box<dyn std::error::
 
 /// Our own vertices at a few frames of every clip.
 fn kinematics(asset: &Asset, motions: &[Motion]) -> Archive {
-    let mut arrays =
-        vec![("diagonal".to_string(), Array { shape: vec![], values: Values::F64(vec![asset.mesh.diagonal()]) })];
+    let rest: Vec<f64> = asset.mesh.positions.iter().flat_map(|p| p.to_array()).collect();
+    let mut arrays = vec![
+        ("diagonal".to_string(), Array { shape: vec![], values: Values::F64(vec![asset.mesh.diagonal()]) }),
+        ("rest".to_string(), Array { shape: vec![asset.mesh.positions.len(), 3], values: Values::F64(rest) }),
+    ];
     for (k, motion) in motions.iter().enumerate() {
         let frames: Vec<usize> = (0..SAMPLES).map(|s| s * (motion.poses.len() - 1) / (SAMPLES - 1)).collect();
         let times = frames.iter().map(|&f| f as f64 / motion.fps).collect();

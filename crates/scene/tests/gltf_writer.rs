@@ -1,4 +1,5 @@
 //! Each line of the GLB writer's checklist, on files read back.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 
@@ -40,7 +41,7 @@ fn motion(asset: &Asset, frames: usize) -> Motion {
         for local in locals.iter_mut().skip(1) {
             // Both signs of the same rotation in turn: the writer has to make them continuous.
             let turn = DQuat::from_rotation_z(1.3 * u);
-            local.rotation = local.rotation * if f % 2 == 0 { turn } else { -turn };
+            local.rotation *= if f.is_multiple_of(2) { turn } else { -turn };
         }
         Pose { locals }
     };

@@ -1,4 +1,5 @@
 //! Every model of the shared data reads, and stands where its bytes say.
+#![allow(clippy::unwrap_used)]
 
 use animimic_scene::io;
 use std::path::{Path, PathBuf};

@@ -54,7 +54,7 @@ fn number(of: &Value, place: &str, key: &str) -> Result<f64, SceneError> {
 fn camera(defaults: &Value, view: &Value, place: &str) -> Result<Camera, SceneError> {
     let own = |key: &str| if view.get(key).is_some() { number(view, place, key) } else { number(defaults, "", key) };
     let (width, height, fx, fy) = (own("width")?, own("height")?, own("fx")?, own("fy")?);
-    let side = |x: f64| x >= 1.0 && x <= MAX_SIDE && x.fract() == 0.0;
+    let side = |x: f64| (1.0..=MAX_SIDE).contains(&x) && x.fract() == 0.0;
     if !side(width) || !side(height) || fx <= 0.0 || fy <= 0.0 {
         return Err(SceneError::invalid(
             place,

@@ -146,3 +146,26 @@ fn foreign_content(bytes: &[u8]) -> Option<String> {
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_format_has_its_own_name_and_extensions_and_refuses_empty_and_foreign_bytes() {
+        let mut seen: Vec<&str> = Vec::new();
+        for format in formats() {
+            for word in format.extensions() {
+                assert!(!seen.contains(word), "{word} belongs to two formats");
+                seen.push(word);
+                let path = format!("a.{word}");
+                for bytes in [&b""[..], b"\0\0\0\0", b"<!doctype html>", b"12 34 garbage \xff\xfe"] {
+                    let result = read_bytes(bytes.to_vec(), Path::new(&path), &ReadOptions::default());
+                    let message = result.map(|_| ()).expect_err(word).to_string();
+                    assert!(message.starts_with(&path) && message.lines().count() == 1, "{message}");
+                }
+            }
+            assert!(!format.summary().is_empty() && format.name().chars().all(|c| c.is_ascii_lowercase()));
+        }
+    }
+}

@@ -242,7 +242,7 @@ fn list(
     mesh: &mut Mesh,
 ) -> Result<(), String> {
     let n = reader.next(count)?;
-    if !(n >= 0.0) {
+    if n.is_nan() || n < 0.0 {
         return Err(format!("a list of {n} items"));
     }
     let is_polygon = element.name == "face" && matches!(property.name.as_str(), "vertex_indices" | "vertex_index");

@@ -1,5 +1,5 @@
 //! A small GLB with everything that is easily lost: transformed parents, a skin, a rigid part on a joint, seams, a clip, an unknown extension.
-#![allow(dead_code)]
+#![allow(dead_code, clippy::unwrap_used)]
 
 use serde_json::{Value, json};
 

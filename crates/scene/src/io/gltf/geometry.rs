@@ -4,7 +4,7 @@ use super::accessor::{Document, Numbers};
 use super::json::Place;
 use super::look::Material;
 use super::nodes::{Graph, affine_from_columns};
-use crate::io::{ReadOptions, SceneError};
+use crate::io::SceneError;
 use crate::rig::{Influence, Skin, Slot};
 use crate::{Mesh, Part};
 use glam::{DAffine3, DVec2, DVec3};
@@ -25,10 +25,12 @@ pub(crate) struct Geometry<'a> {
     document: &'a Document<'a>,
     graph: &'a Graph<'a>,
     materials: &'a [Material],
-    options: &'a ReadOptions,
     slot_of: BTreeMap<(usize, usize), u32>,
     warnings: Vec<String>,
 }
+
+/// (joint of the skin, weight) pairs per vertex.
+type Weights = Vec<Vec<(usize, f64)>>;
 
 /// Marks slots of rigid parts in `slot_of`.
 const RIGID: usize = usize::MAX;
@@ -45,7 +47,6 @@ pub(crate) fn read<'a>(
     document: &'a Document<'a>,
     graph: &'a Graph<'a>,
     materials: &'a [Material],
-    options: &'a ReadOptions,
     warnings: &mut Vec<String>,
 ) -> Result<(Mesh, Skin, bool), SceneError> {
     let mut geometry = Geometry {
@@ -55,7 +56,6 @@ pub(crate) fn read<'a>(
         document,
         graph,
         materials,
-        options,
         slot_of: BTreeMap::new(),
         warnings: Vec::new(),
     };
@@ -136,10 +136,10 @@ impl Geometry<'_> {
         }
         let attributes = primitive.need("attributes")?;
         let position = attributes.need("POSITION")?;
-        let (positions, broken) = self.positions(node, mesh, primitive, &position)?;
+        let positions = self.positions(node, mesh, primitive, &position)?;
         self.check_room(positions.len(), primitive)?;
         let count = positions.len();
-        let triangles = self.triangles(primitive, mode, count, &broken)?;
+        let triangles = triangles(self.document, primitive, mode, count)?;
         let first = self.mesh.positions.len();
         let look = self.look_index(primitive)?;
         self.add_surface(primitive, &attributes, count, look)?;
@@ -164,14 +164,14 @@ impl Geometry<'_> {
         Ok(())
     }
 
-    /// Stored positions with the default morph weights applied, and which of them were not finite.
+    /// Stored positions with the default morph weights applied.
     fn positions(
         &mut self,
         node: usize,
         mesh: &Place,
         primitive: &Place,
         position: &Place,
-    ) -> Result<(Vec<DVec3>, Vec<bool>), SceneError> {
+    ) -> Result<Vec<DVec3>, SceneError> {
         let mut positions = vec3s(self.document, position)?;
         let weights = self.graph.nodes[node].place.get("weights").or_else(|| mesh.get("weights"));
         if let Some(weights) = weights {
@@ -185,59 +185,12 @@ impl Geometry<'_> {
                 positions.iter_mut().zip(offsets).for_each(|(p, d)| *p += d * weight);
             }
         }
-        let broken: Vec<bool> = positions.iter().map(|p| !p.is_finite()).collect();
-        let bad = broken.iter().filter(|b| **b).count();
-        if bad > 0 {
-            let at = broken.iter().position(|b| *b).unwrap_or(0);
-            if !self.options.repair {
-                return Err(position
-                    .invalid(format!("{bad} vertices are not finite, the first is {at}; use --repair to drop them")));
-            }
-            let stand_in = positions.iter().copied().find(|p| p.is_finite()).unwrap_or(DVec3::ZERO);
-            positions.iter_mut().zip(&broken).filter(|(_, b)| **b).for_each(|(p, _)| *p = stand_in);
-            self.warnings
-                .push(format!("repaired: dropped {bad} vertices of {} that are not finite", primitive.pointer));
+        let bad = positions.iter().filter(|p| !p.is_finite()).count();
+        if let Some(at) = positions.iter().position(|p| !p.is_finite()) {
+            let what = format!("{bad} vertices are not finite, the first is {at}; use --repair to drop them");
+            return Err(position.invalid(what));
         }
-        Ok((positions, broken))
-    }
-
-    fn triangles(
-        &mut self,
-        primitive: &Place,
-        mode: usize,
-        count: usize,
-        broken: &[bool],
-    ) -> Result<Vec<[u32; 3]>, SceneError> {
-        let indices: Vec<u32> = match primitive.get("indices") {
-            Some(accessor) => self.document.numbers(&accessor)?.values.iter().map(|&x| x as u32).collect(),
-            None => (0..count as u32).collect(),
-        };
-        let all: Vec<[u32; 3]> = match mode {
-            5 => indices
-                .windows(3)
-                .enumerate()
-                .map(|(i, w)| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] })
-                .collect(),
-            6 => indices.windows(2).skip(1).map(|w| [indices[0], w[0], w[1]]).collect(),
-            _ => indices.as_chunks::<3>().0.to_vec(),
-        };
-        let bad = indices.iter().filter(|&&i| i as usize >= count).count();
-        if bad > 0 && !self.options.repair {
-            let at = indices.iter().position(|&i| i as usize >= count).unwrap_or(0);
-            let what = format!(
-                "{bad} indices are out of range, the first is {} at {at} ({count} vertices); use --repair to drop their triangles",
-                indices[at]
-            );
-            return Err(primitive.get("indices").unwrap_or_else(|| primitive.clone()).invalid(what));
-        }
-        let sound = |t: &[u32; 3]| t.iter().all(|&i| broken.get(i as usize) == Some(&false));
-        let total = all.len();
-        let kept: Vec<[u32; 3]> = all.into_iter().filter(sound).collect();
-        if kept.len() < total {
-            let dropped = total - kept.len();
-            self.warnings.push(format!("repaired: dropped {dropped} triangles of {}", primitive.pointer));
-        }
-        Ok(kept)
+        Ok(positions)
     }
 
     fn look_index(&mut self, primitive: &Place) -> Result<usize, SceneError> {
@@ -332,13 +285,8 @@ impl Geometry<'_> {
     }
 
     /// Normalised (joint of the skin, weight) pairs per vertex; `None` where no vertex has any weight.
-    fn weights(
-        &mut self,
-        attributes: &Place,
-        count: usize,
-        binding: &Binding,
-    ) -> Result<Option<Vec<Vec<(usize, f64)>>>, SceneError> {
-        let mut pairs: Vec<Vec<(usize, f64)>> = vec![Vec::new(); count];
+    fn weights(&mut self, attributes: &Place, count: usize, binding: &Binding) -> Result<Option<Weights>, SceneError> {
+        let mut pairs: Weights = vec![Vec::new(); count];
         let (mut bad, mut first_bad) = (0usize, None);
         for set in 0.. {
             let (Some(joints), Some(weights)) =
@@ -366,10 +314,7 @@ impl Geometry<'_> {
                 "{bad} influences are unusable, the first is joint {joint} with weight {weight} of vertex {v} (the skin has {} joints)",
                 binding.joints.len()
             );
-            if !self.options.repair {
-                return Err(attributes.invalid(format!("{what}; use --repair to drop them")));
-            }
-            self.warnings.push(format!("repaired: {} {what}; dropped", attributes.pointer));
+            return Err(attributes.invalid(format!("{what}; use --repair to drop them")));
         }
         let mut uneven = 0;
         for list in &mut pairs {
@@ -388,6 +333,33 @@ impl Geometry<'_> {
             ));
         }
         Ok(pairs.iter().any(|l| !l.is_empty()).then_some(pairs))
+    }
+}
+
+/// The triangles of a primitive, all of them within its `count` vertices.
+fn triangles(document: &Document, primitive: &Place, mode: usize, count: usize) -> Result<Vec<[u32; 3]>, SceneError> {
+    let Some(accessor) = primitive.get("indices") else {
+        let all: Vec<u32> = (0..count as u32).collect();
+        return Ok(expand(mode, &all));
+    };
+    let indices: Vec<u32> = document.numbers(&accessor)?.values.iter().map(|&x| x as u32).collect();
+    let bad = indices.iter().filter(|&&i| i as usize >= count).count();
+    if let Some(at) = indices.iter().position(|&i| i as usize >= count) {
+        return Err(accessor.invalid(format!(
+            "{bad} indices are out of range, the first is {} at {at} ({count} vertices); use --repair to drop their triangles",
+            indices[at]
+        )));
+    }
+    Ok(expand(mode, &indices))
+}
+
+/// Triangle lists (4), strips (5, every other one turned) and fans (6) as lists.
+pub(super) fn expand(mode: usize, indices: &[u32]) -> Vec<[u32; 3]> {
+    let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
+    match mode {
+        5 => indices.windows(3).enumerate().map(turned).collect(),
+        6 => indices.windows(2).skip(1).map(|w| [indices[0], w[0], w[1]]).collect(),
+        _ => indices.as_chunks::<3>().0.to_vec(),
     }
 }
 

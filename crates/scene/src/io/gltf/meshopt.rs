@@ -222,11 +222,11 @@ fn triangles(data: &[u8], count: usize) -> Option<Vec<u32>> {
             at += 1;
             (low == 14, byte)
         };
-        if !(low < 14) && pair == 0 {
+        if low >= 14 && pair == 0 {
             next = 0;
         }
         let (fb, fc) = (usize::from(pair >> 4), usize::from(pair & 15));
-        let mut fresh = |next: &mut u32| {
+        let fresh = |next: &mut u32| {
             *next = next.wrapping_add(1);
             next.wrapping_sub(1)
         };
@@ -355,7 +355,7 @@ mod tests {
     fn attributes_with_all_group_widths_decode_to_what_was_encoded() {
         let value = |i: usize, b: usize| match b {
             0 | 1 => 0,
-            2..5 => i * (b - 1) & 255,
+            2..5 => (i * (b - 1)) & 255,
             _ => (i * i * (b + 1) + 3 * b) & 255,
         };
         let expected: Vec<u8> = (0..40 * 8).map(|k| value(k / 8, k % 8) as u8).collect();

@@ -10,6 +10,7 @@ mod json;
 mod look;
 mod meshopt;
 mod nodes;
+mod repair;
 mod write;
 
 pub use clips::{Clip, clips};
@@ -62,25 +63,26 @@ impl Format for Gltf {
     }
 
     fn read(&self, bytes: Vec<u8>, path: &Path, options: &ReadOptions) -> Result<Asset, SceneError> {
-        let loaded = container::open(bytes, path)?;
-        let mut warnings = loaded.warnings;
-        let (mesh, rig, looks) = interpret(&loaded.json, &loaded.buffers, options, &mut warnings)?;
-        let source = Source::Gltf { json: loaded.json, buffers: loaded.buffers };
-        Ok(Asset { mesh, looks, rig, motions: Vec::new(), source, warnings })
+        let mut loaded = container::open(bytes, path)?;
+        check_extensions(&Place::root(&loaded.json))?;
+        if options.repair {
+            loaded = repair::mend(loaded)?;
+        }
+        let container::Loaded { json, buffers, mut warnings } = loaded;
+        let (mesh, rig, looks) = interpret(&json, &buffers, &mut warnings)?;
+        Ok(Asset { mesh, looks, rig, motions: Vec::new(), source: Source::Gltf { json, buffers }, warnings })
     }
 }
 
 fn interpret(
     json: &serde_json::Value,
     buffers: &[Vec<u8>],
-    options: &ReadOptions,
     warnings: &mut Vec<String>,
 ) -> Result<(Mesh, Rig, Vec<crate::Look>), SceneError> {
-    check_extensions(&Place::root(json))?;
     let document = Document::new(json, buffers)?;
     let graph = Graph::new(&document, warnings)?;
     let materials = look::materials(&document, warnings)?;
-    let (mut mesh, mut skin, uses_default_look) = geometry::read(&document, &graph, &materials, options, warnings)?;
+    let (mut mesh, mut skin, uses_default_look) = geometry::read(&document, &graph, &materials, warnings)?;
     let mut looks: Vec<crate::Look> = materials.into_iter().map(|m| m.look).collect();
     if uses_default_look {
         looks.push(crate::Look::default());

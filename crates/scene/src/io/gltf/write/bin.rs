@@ -9,14 +9,14 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// What a buffer view's data are for.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Use {
+pub(in crate::io::gltf) enum Use {
     Other,
     Vertices,
     Indices,
 }
 
 /// JSON and the binary chunk.
-pub(super) struct Output {
+pub(in crate::io::gltf) struct Output {
     pub json: Value,
     bin: Vec<u8>,
 }
@@ -113,6 +113,14 @@ impl Output {
         let view = self.view(data, used);
         let accessor = json!({ "bufferView": view, "componentType": component, "count": count, "type": kind });
         push(&mut self.json, "accessors", accessor)
+    }
+
+    /// The document and its buffers, for reading on.
+    pub fn into_parts(mut self) -> (Value, Vec<Vec<u8>>) {
+        self.json["buffers"][0]["byteLength"] = json!(self.bin.len());
+        let mut buffers = vec![Vec::new(); array(&mut self.json, "buffers").len()];
+        buffers[0] = self.bin;
+        (self.json, buffers)
     }
 
     /// The finished file (glTF 2.0 §4.4).

@@ -11,7 +11,7 @@ mod scratch;
 
 use crate::io::{SceneError, write_atomically};
 use crate::{Asset, Motion, Source};
-use bin::Output;
+pub(super) use bin::{Output, Use};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
