@@ -41,6 +41,10 @@ pub struct MaskCue {
 
 /// Luma contrast below which chroma decides as well [levels].
 const MIN_LUMA_CONTRAST: f32 = 18.0;
+/// A gap whose median difference exceeds this share of the lower threshold is not background.
+const OWN_COLOR: f32 = 0.4;
+/// Luma of the opposite sign beyond this is more than ringing [levels].
+const RIM_CONTRAST: f32 = 6.0;
 /// The lower threshold is this far above the noise: factor on its 99.5th percentile, plus levels; never below the third.
 const NOISE_FACTOR: f32 = 1.5;
 const NOISE_MARGIN: f32 = 1.5;
@@ -139,7 +143,7 @@ fn segment(image: &Image, t: usize, background: &Background, options: &MaskOptio
     if weak < options.threshold {
         let scale = h as f32 / 512.0;
         add_weak_areas(&mut set, &difference.color, weak, w, (RINGING * scale).max(1.0));
-        close_weak_gaps(&mut set, &difference.color, w, (NOTCH * scale).max(1.0));
+        close_weak_gaps(&mut set, &difference.color, weak, w, (NOTCH * scale).max(1.0));
     }
     let kept = kept_regions(&set, w, h, options);
     let coverage = soft_edge(&kept, &difference, w, options);
@@ -163,35 +167,51 @@ fn add_weak_areas(set: &mut [bool], color: &[f32], weak: f32, w: usize, ringing:
 }
 
 /// Fills holes and notches (up to twice `radius` wide) with a weak rim: there the object has the background's colour.
-fn close_weak_gaps(set: &mut [bool], color: &[f32], w: usize, radius: f32) {
+fn close_weak_gaps(set: &mut [bool], color: &[f32], weak: f32, w: usize, radius: f32) {
     let h = set.len() / w;
     let wide = dilated(set, w, radius);
     let closed: Vec<bool> = depth(&wide, w).into_iter().map(|d| d > radius).collect();
     let outside: Vec<bool> = set.iter().map(|s| !s).collect();
     let mut gap: Vec<bool> = closed.iter().zip(set.iter()).map(|(&c, &s)| c && !s).collect();
+    let mut in_hole = vec![false; set.len()];
     for hole in regions(&outside, w).iter().filter(|r| !r.touches_border(w, h)) {
         for &i in &hole.pixels {
             gap[i as usize] = true;
+            in_hole[i as usize] = true;
         }
     }
     for region in regions(&gap, w) {
-        let mut rim: Vec<f32> = Vec::new();
-        for &i in &region.pixels {
-            let (x, y) = (i as usize % w, i as usize / w);
-            for (dx, dy) in [(-1i64, 0i64), (1, 0), (0, -1), (0, 1)] {
-                let (u, v) = (x as i64 + dx, y as i64 + dy);
-                if u >= 0 && v >= 0 && (u as usize) < w && (v as usize) < h && set[v as usize * w + u as usize] {
-                    rim.push(color[v as usize * w + u as usize]);
-                }
-            }
-        }
-        let middle = rim.len() / 2;
-        if !rim.is_empty() && *rim.select_nth_unstable_by(middle, f32::total_cmp).1 < WEAK_RIM {
+        let position = |&i: &u32| (i as usize % w, i as usize / w);
+        let rim = region.pixels.iter().map(position).filter(|&(x, y)| rim_touches(set, w, h, x, y));
+        let rim = median(rim.map(|(x, y)| strongest(color, w, h, x, y)).collect());
+        // True background keeps to the model but for its noise; at open edges ringing does not.
+        let inside = median(region.pixels.iter().map(|&i| color[i as usize]).collect());
+        let is_hole = region.pixels.iter().all(|&i| in_hole[i as usize]);
+        if rim < WEAK_RIM || (is_hole && inside > OWN_COLOR * weak) {
             for &i in &region.pixels {
                 set[i as usize] = true;
             }
         }
     }
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
+}
+
+/// Whether a pixel has a set neighbour.
+fn rim_touches(set: &[bool], w: usize, h: usize, x: usize, y: usize) -> bool {
+    let i = y * w + x;
+    (x > 0 && set[i - 1]) || (x + 1 < w && set[i + 1]) || (y > 0 && set[i - w]) || (y + 1 < h && set[i + w])
+}
+
+/// The largest difference within reach of a pixel: an antialiased edge is weak only in its outermost pixels.
+fn strongest(color: &[f32], w: usize, h: usize, x: usize, y: usize) -> f32 {
+    const REACH: usize = 3;
+    let rows = y.saturating_sub(REACH)..(y + REACH + 1).min(h);
+    let columns = x.saturating_sub(REACH)..(x + REACH + 1).min(w);
+    rows.flat_map(|v| color[v * w + columns.start..v * w + columns.end].iter().copied()).fold(0.0, f32::max)
 }
 
 /// The largest region and those not much smaller, without corner watermarks; pinholes are closed.
@@ -255,7 +275,11 @@ fn soft_edge(kept: &[bool], difference: &Difference, w: usize, options: &MaskOpt
                 }
             }
             let (luma, color) = (luma / weight, color / weight);
-            let alpha = if luma.abs() >= MIN_LUMA_CONTRAST {
+            // Lighter than the background where the object behind is darker: no mixture of the two, but a rim of its own.
+            let own_rim = difference.luma[i] * luma < 0.0 && difference.luma[i].abs() > RIM_CONTRAST;
+            let alpha = if own_rim {
+                1.0
+            } else if luma.abs() >= MIN_LUMA_CONTRAST {
                 difference.luma[i] / luma
             } else {
                 difference.color[i] / color.max(1.0)

@@ -58,7 +58,10 @@ pub fn tracks(video: &Video, masks: &[Mask], options: &TrackOptions) -> Tracks {
     let spacing = (area / options.points.max(1) as f64).sqrt().clamp(3.0, 40.0) as usize;
     let mut paths: Vec<Path> = Vec::new();
     for query in (0..n).step_by(options.resample_every.max(1)) {
-        let room = options.max_points.saturating_sub(paths.len());
+        // What is left is spread over the looks to come, so that late frames are covered too.
+        let looks = (n - query).div_ceil(options.resample_every.max(1));
+        let left = options.max_points.saturating_sub(paths.len());
+        let room = if query == 0 { left } else { left.div_ceil(looks) };
         let seeds: Vec<[f32; 2]> = scene.seeds(query, spacing, &paths).into_iter().take(room).collect();
         paths.par_extend(seeds.into_par_iter().map(|p| scene.follow(p, query, options)));
     }
