@@ -17,6 +17,17 @@ pub enum CameraChoice {
     Preset(String),
 }
 
+impl std::fmt::Display for CameraChoice {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::Auto => write!(f, "auto"),
+            // The folder is left out, so that reports do not depend on where the files lie.
+            Self::File(path) => write!(f, "{}", path.file_name().unwrap_or_default().to_string_lossy()),
+            Self::Preset(name) => write!(f, "preset:{name}"),
+        }
+    }
+}
+
 impl std::str::FromStr for CameraChoice {
     type Err = std::convert::Infallible;
 

@@ -14,6 +14,9 @@ pub enum Error {
     /// A mesh that cannot be drawn.
     #[error(transparent)]
     Render(#[from] animimic_render::RenderError),
+    /// Inputs that the fit refuses.
+    #[error(transparent)]
+    Fit(animimic_fit::FitError),
     /// A file could not be read or written.
     #[error("{path}: {source}", path = .path.display())]
     Io {
@@ -28,6 +31,15 @@ pub enum Error {
     /// The caller asked to stop.
     #[error("stopped on request; nothing was left half-written")]
     Cancelled,
+}
+
+impl From<animimic_fit::FitError> for Error {
+    fn from(e: animimic_fit::FitError) -> Self {
+        match e {
+            animimic_fit::FitError::Stopped => Self::Cancelled,
+            other => Self::Fit(other),
+        }
+    }
 }
 
 impl Error {

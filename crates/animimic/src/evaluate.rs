@@ -5,6 +5,7 @@ use crate::metrics::{self, Evidence, PicturePair, Reading, SilhouettePair};
 use crate::pictures;
 use crate::truth::Truth;
 use animimic_scene::{Asset, Camera, Image, Mask, Pose};
+use animimic_video::cues::Background;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -21,8 +22,8 @@ pub struct Against<'a> {
     pub video: &'a [Image],
     /// Object masks of these frames.
     pub masks: &'a [Mask],
-    /// What is behind the object, sRGB.
-    pub background: Option<[u8; 3]>,
+    /// What is behind the object; the video's border colour where absent.
+    pub background: Option<&'a Background>,
 }
 
 /// The numbers.
@@ -145,8 +146,18 @@ fn picture_pair(
         return Ok(None);
     }
     let studio = pictures::Studio::new(asset, camera, &frames[0], &against.video[0], against.masks.first())?;
-    let background = against.background.unwrap_or_else(|| pictures::border_color(&against.video[0]));
-    let drawn: Vec<(Image, Mask)> = frames[..n].par_iter().map(|x| studio.draw(camera, x, background)).collect();
+    let border = pictures::border_color(&against.video[0]);
+    let drawn: Vec<(Image, Mask)> = (0..n)
+        .into_par_iter()
+        .map(|t| {
+            let video = &against.video[t];
+            let behind = match against.background.filter(|b| !b.drift.is_empty()) {
+                Some(b) => pictures::background_picture(b, video, t),
+                None => Image::filled(video.width, video.height, border),
+            };
+            studio.draw_over(camera, &frames[t], &behind)
+        })
+        .collect();
     let (result, coverage): (Vec<_>, Vec<_>) = drawn.into_iter().unzip();
     let object = if against.masks.len() >= n { against.masks[..n].to_vec() } else { coverage };
     Ok(Some(PicturePair { result, reference: against.video[..n].to_vec(), object }))

@@ -4,16 +4,22 @@
 //! This crate alone knows files, time and progress; it never prints and never parses arguments.
 #![deny(missing_docs)]
 
+pub mod animate;
 pub mod camera;
+pub mod cues;
 pub mod error;
 pub mod evaluate;
 pub mod event;
 pub mod example;
+pub mod measure;
 pub mod metrics;
 pub mod pictures;
 pub mod truth;
+pub mod turntable;
 
+pub use animate::{Job, Report, animate};
 pub use animimic_scene as scene;
 pub use error::Error;
 pub use evaluate::{Against, Evaluation, evaluate};
 pub use event::{Event, Progress};
+pub use measure::{Measure, evaluate_files};

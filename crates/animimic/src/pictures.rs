@@ -45,6 +45,15 @@ pub fn border_color(image: &Image) -> [u8; 3] {
     })
 }
 
+/// The background that the mask provider found in frame `t`, as a picture.
+pub fn background_picture(background: &animimic_video::cues::Background, frame: &Image, t: usize) -> Image {
+    let byte = |v: f32| v.round().clamp(0.0, 255.0) as u8;
+    let rgb = (0..frame.width * frame.height)
+        .map(|i| background.at(frame, t, i % frame.width, i / frame.width).map(byte))
+        .collect();
+    Image { width: frame.width, height: frame.height, rgb }
+}
+
 /// A model ready to be drawn, with the light of the video.
 pub struct Studio {
     surface: Surface,
@@ -82,6 +91,11 @@ impl Studio {
     /// A picture of the model over one colour, and its coverage.
     pub fn draw(&self, camera: &Camera, positions: &[DVec3], background: [u8; 3]) -> (Image, Mask) {
         render_image(camera, &self.surface, positions, &self.light, Background::Color(background), SAMPLES)
+    }
+
+    /// A picture of the model over another of the camera's size, and its coverage.
+    pub fn draw_over(&self, camera: &Camera, positions: &[DVec3], behind: &Image) -> (Image, Mask) {
+        render_image(camera, &self.surface, positions, &self.light, Background::Picture(behind), SAMPLES)
     }
 }
 

@@ -79,5 +79,5 @@ fn leg(name: &str, phase: f64) -> DVec3 {
 fn flick(name: &str, time_secs: f64) -> f64 {
     let (at, sign) = if name.contains("left") { (1.4, -1.0) } else { (0.7, 1.0) };
     let x = (time_secs - at) / 0.16;
-    sign * 0.42 * (-x * x).exp()
+    sign * 0.26 * (-x * x).exp()
 }

@@ -7,9 +7,12 @@
 mod blend;
 mod body;
 mod dance;
+mod files;
 mod paint;
 mod surface_net;
 mod unwrap;
+
+pub use files::write;
 
 use crate::Error;
 use crate::pictures::Studio;
@@ -80,7 +83,7 @@ fn camera() -> CameraFile {
     const AZIMUTH_RAD: f64 = 0.75;
     const ELEVATION_RAD: f64 = 0.17;
     const FOV_Y_RAD: f64 = 0.61;
-    const DISTANCE: f64 = 3.9;
+    const DISTANCE: f64 = 3.5;
     let target = DVec3::new(0.0, 0.66, -0.12);
     let main = Camera::orbit(target, DISTANCE, AZIMUTH_RAD, ELEVATION_RAD, FOV_Y_RAD, SIZE_PX, SIZE_PX);
     let turn = std::f64::consts::FRAC_PI_4;

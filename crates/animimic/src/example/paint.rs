@@ -89,7 +89,7 @@ fn face(p: DVec3, n: DVec3, mut c: [f64; 3]) -> [f64; 3] {
     let cheek = (p - DVec3::new(0.15 * side, 0.925, 0.645)).length();
     c = mix(c, CORAL, 0.75 * step(0.042, 0.026, cheek));
     let nose = (p - DVec3::new(0.0, 0.958, 0.785)).length();
-    let mouth = step(0.006, 0.003, (p.y - 0.905 + 0.35 * p.x.abs()).abs())
+    let mouth = step(0.006, 0.003, (p.y - 0.897 - 0.35 * p.x.abs()).abs())
         * step(0.05, 0.045, p.x.abs())
         * step(0.72, 0.73, p.z);
     c = mix(c, INK, 0.85 * mouth * f64::from(n.z > 0.0));

@@ -10,7 +10,7 @@ impl Metric for MaskIou {
     }
 
     fn definition(&self) -> &'static str {
-        "intersection over union of coverage ≥ 0.5 at native size, per view: mean over frames, and the worst frame"
+        "intersection over union of coverage ≥ 0.5 at native size, per view: mean over frames, the worst frame, and frame 0"
     }
 
     fn measure(&self, e: &Evidence) -> Result<Vec<Reading>, Missing> {
@@ -22,6 +22,7 @@ impl Metric for MaskIou {
             let ious: Vec<f64> = pair.result.iter().zip(&pair.reference).map(|(a, b)| a.iou(b)).collect();
             out.push((format!("iou_{}", pair.view), mean(ious.iter().copied())));
             out.push((format!("iou_{}_min", pair.view), ious.iter().copied().fold(1.0, f64::min)));
+            out.push((format!("iou_{}_frame0", pair.view), ious.first().copied().unwrap_or(1.0)));
         }
         Ok(out)
     }

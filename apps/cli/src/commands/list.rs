@@ -1,0 +1,39 @@
+use crate::{Common, out};
+
+#[derive(clap::Args)]
+pub struct List {
+    /// What to list
+    kind: Kind,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy)]
+enum Kind {
+    /// Model formats that can be read
+    Formats,
+    /// Measures of quality
+    Metrics,
+    /// Camera presets
+    Cameras,
+}
+
+impl List {
+    pub fn run(&self, common: &Common) -> anyhow::Result<()> {
+        let rows: Vec<(String, String)> = match self.kind {
+            Kind::Formats => animimic::scene::io::formats()
+                .iter()
+                .map(|f| (f.name().to_owned(), format!("{} (.{})", f.summary(), f.extensions().join(", ."))))
+                .collect(),
+            Kind::Metrics => {
+                animimic::metrics::METRICS.iter().map(|m| (m.name().to_owned(), m.definition().to_owned())).collect()
+            }
+            Kind::Cameras => animimic::camera::PRESETS
+                .iter()
+                .map(|p| (format!("preset:{}", p.name), p.summary.to_owned()))
+                .collect(),
+        };
+        let json = rows.iter().map(|(name, words)| serde_json::json!({"name": name, "summary": words})).collect();
+        out::print(common, &serde_json::Value::Array(json), || {
+            rows.iter().map(|(name, words)| format!("{name:26} {words}\n")).collect()
+        })
+    }
+}

@@ -1,0 +1,39 @@
+//! One file per command. A new command is a file with a struct of options and its `run`, and one line in the list below.
+
+use crate::Common;
+
+macro_rules! commands {
+    ($($(#[$about:meta])* $module:ident :: $name:ident),* $(,)?) => {
+        $(mod $module;)*
+
+        /// All commands, in the order of `--help`.
+        #[derive(clap::Subcommand)]
+        pub enum Command {
+            $($(#[$about])* $name($module::$name),)*
+        }
+
+        impl Command {
+            /// Does what the command says.
+            pub fn run(&self, common: &Common) -> anyhow::Result<()> {
+                match self {
+                    $(Self::$name(command) => command.run(common),)*
+                }
+            }
+        }
+    };
+}
+
+commands! {
+    /// Move a rigged model as a video shows: GLB, videos to look at and a report
+    animate::Animate,
+    /// Find masks and point tracks in a video, with an overlay video to look at
+    cues::Cues,
+    /// Measure an animated model against a video or exact truth
+    evaluate::Evaluate,
+    /// Draw an animated model from several views as a video or picture
+    render::Render,
+    /// Make the example: a creature, its camera and a video of it moving
+    example::Example,
+    /// List what there is of a kind: formats, metrics, cameras
+    list::List,
+}

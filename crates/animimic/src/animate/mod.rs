@@ -1,0 +1,163 @@
+//! The whole way: model and videos in; animated GLB, videos to look at and a report out.
+//!
+//! read → cues → camera → motion → export → pictures → metrics. Everything is computed before the first file is written,
+//! and every file appears whole or not at all.
+
+mod chart;
+mod deliver;
+mod html;
+mod motion;
+mod options;
+mod report;
+mod sheet;
+
+pub use options::Job;
+pub use report::{ClipReport, LossCurve, Report};
+
+use crate::camera::{self, CameraChoice};
+use crate::event::{Event, Progress, tell};
+use crate::{Against, Error, evaluate};
+use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
+use animimic_video::cues;
+use std::path::Path;
+use std::time::Instant;
+
+/// One video with all that was found out about it.
+pub(crate) struct Take {
+    pub name: String,
+    pub video: Video,
+    pub cues: Cues,
+    pub background: cues::Background,
+    pub mask_confidence: Vec<f32>,
+    pub camera: CameraFile,
+    pub motion: Motion,
+    pub losses: Vec<LossCurve>,
+    pub uncertain: Vec<String>,
+}
+
+/// Wall time of each stage, in order.
+#[derive(Default)]
+pub(crate) struct Clock {
+    pub stages: Vec<(String, f64)>,
+}
+
+impl Clock {
+    /// Runs one stage and adds its time to the entry of that name.
+    fn time<T>(&mut self, name: &str, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
+        let start = Instant::now();
+        let out = work();
+        let secs = start.elapsed().as_secs_f64();
+        match self.stages.iter_mut().find(|s| s.0 == name) {
+            Some(s) => s.1 += secs,
+            None => self.stages.push((name.to_owned(), secs)),
+        }
+        out
+    }
+}
+
+/// Does a whole job and writes its files into `job.out`.
+///
+/// # Errors
+/// Anything that is wrong with the inputs, before anything is written; [`Error::Cancelled`] when `progress` says stop.
+pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
+    let mut clock = Clock::default();
+    job.check()?;
+    tell(progress, Event::Stage { name: "reading" })?;
+    let asset = clock.time("read", || read_model(&job.model))?;
+    for warning in &asset.warnings {
+        tell(progress, Event::Warning(warning.clone()))?;
+    }
+    let names = job.clip_names();
+    let mut takes = Vec::new();
+    for (path, name) in job.videos.iter().zip(names) {
+        takes.push(take(job, &asset, path, name, &mut clock, progress)?);
+    }
+    let mut clips = Vec::new();
+    for take in &takes {
+        tell(progress, Event::Stage { name: "measuring" })?;
+        clips.push(clock.time("metrics", || clip_report(&asset, take))?);
+    }
+    let mut report = Report::new(job, &asset, clips);
+    deliver::write(job, &asset, &takes, &mut report, &mut clock, progress)?;
+    Ok(report)
+}
+
+fn read_model(path: &Path) -> Result<Asset, Error> {
+    let asset = io::read(path)?;
+    if asset.mesh.triangles.is_empty() {
+        return Err(Error::Input(format!("{}: has no triangles to animate", path.display())));
+    }
+    if !asset.rig.is_articulated() {
+        return Err(Error::Input(format!(
+            "{}: has no skeleton that bends it: give a rigged model, or an OBJ with its rig.txt beside it",
+            path.display()
+        )));
+    }
+    Ok(asset)
+}
+
+/// Reads one video, finds its cues, its camera and the motion in it.
+fn take(
+    job: &Job,
+    asset: &Asset,
+    path: &Path,
+    name: String,
+    clock: &mut Clock,
+    progress: &mut Progress,
+) -> Result<Take, Error> {
+    tell(progress, Event::Stage { name: "reading" })?;
+    let read = animimic_video::ReadOptions {
+        working_height: Some(job.height_px),
+        frames: job.frames.clone(),
+        ..Default::default()
+    };
+    let video = clock.time("read", || Ok(animimic_video::read(path, &read)?))?;
+    for warning in &video.warnings {
+        tell(progress, Event::Warning(format!("{name}: {warning}")))?;
+    }
+    tell(progress, Event::Stage { name: "masks" })?;
+    let mask_cue = clock.time("masks", || Ok(cues::masks(&video, &cues::MaskOptions::default())))?;
+    tell(progress, Event::Stage { name: "tracks" })?;
+    let tracks = clock.time("tracks", || Ok(cues::tracks(&video, &mask_cue.masks, &cues::TrackOptions::default())))?;
+    let found = Cues { masks: mask_cue.masks.clone(), tracks, ..Cues::default() };
+    tell(progress, Event::Stage { name: "camera" })?;
+    let camera = clock.time("camera", || choose_camera(job, asset, &video, &found))?;
+    tell(progress, Event::Stage { name: "motion" })?;
+    let solved = clock
+        .time("motion", || motion::find(asset, &camera.main, &found, &mask_cue.background, &video, &name, progress))?;
+    Ok(Take {
+        name,
+        video,
+        cues: found,
+        background: mask_cue.background,
+        mask_confidence: mask_cue.confidence,
+        camera,
+        motion: solved.motion,
+        losses: solved.losses,
+        uncertain: solved.uncertain,
+    })
+}
+
+fn choose_camera(job: &Job, asset: &Asset, video: &Video, found: &Cues) -> Result<CameraFile, Error> {
+    let (width, height) = (video.frames[0].width as u32, video.frames[0].height as u32);
+    let (low, high) = asset.mesh.bounds();
+    let file = |main| CameraFile { main, fps: video.fps, views: Vec::new(), target: Some(0.5 * (low + high)) };
+    match &job.camera {
+        CameraChoice::File(path) => Ok(CameraFile { fps: video.fps, ..camera::from_file(path, width, height)? }),
+        CameraChoice::Preset(name) => Ok(file(camera::preset(name, (low, high), width, height)?)),
+        CameraChoice::Auto => Err(Error::Input("the camera is not known: give --camera FILE or preset:NAME".into())),
+    }
+}
+
+fn clip_report(asset: &Asset, take: &Take) -> Result<ClipReport, Error> {
+    let against = Against {
+        input: Some(asset),
+        camera: Some(take.camera.main),
+        video: &take.video.frames,
+        masks: &take.cues.masks,
+        background: Some(&take.background),
+        ..Against::default()
+    };
+    let evaluation = evaluate(asset, &take.motion.poses, take.motion.fps, &against)?;
+    Ok(ClipReport::new(take, &evaluation))
+}

@@ -1,0 +1,99 @@
+//! What `animate` is asked to do.
+
+use crate::Error;
+use crate::camera::CameraChoice;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// A model, its videos and how to treat them.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// The model file or folder.
+    pub model: PathBuf,
+    /// One clip per video.
+    pub videos: Vec<PathBuf>,
+    /// Folder for the results; made if absent.
+    pub out: PathBuf,
+    /// The camera of the videos.
+    pub camera: CameraChoice,
+    /// Clip names, in the order of the videos; missing ones are taken from the file names.
+    pub clips: Vec<String>,
+    /// Only these frames of each video, after resampling.
+    pub frames: Option<Range<usize>>,
+    /// Working height of the video [px].
+    pub height_px: usize,
+    /// Seed of everything random.
+    pub seed: u64,
+}
+
+/// Lowest and highest working height [px].
+const HEIGHTS_PX: std::ops::RangeInclusive<usize> = 64..=2160;
+
+impl Job {
+    /// A job with the defaults.
+    pub fn new(model: impl Into<PathBuf>, videos: Vec<PathBuf>, out: impl Into<PathBuf>) -> Self {
+        Self {
+            model: model.into(),
+            videos,
+            out: out.into(),
+            camera: CameraChoice::Auto,
+            clips: Vec::new(),
+            frames: None,
+            height_px: 512,
+            seed: 0,
+        }
+    }
+
+    /// Refuses what cannot make sense before any file is read.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        if self.videos.is_empty() {
+            return Err(Error::Input("no video given: name at least one".into()));
+        }
+        if self.clips.len() > self.videos.len() {
+            return Err(Error::Input(format!("{} clip names for {} videos", self.clips.len(), self.videos.len())));
+        }
+        if !HEIGHTS_PX.contains(&self.height_px) {
+            return Err(Error::Input(format!("working height {} px: use 64 to 2160", self.height_px)));
+        }
+        if self.out.is_file() {
+            return Err(Error::Input(format!("{}: is a file, the results need a folder", self.out.display())));
+        }
+        Ok(())
+    }
+
+    /// One name per video, unique: given ones first, then file names, numbered where they collide.
+    pub(super) fn clip_names(&self) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for (k, video) in self.videos.iter().enumerate() {
+            let wanted = self.clips.get(k).cloned().unwrap_or_else(|| stem(video));
+            let mut name = wanted.clone();
+            let mut number = 2;
+            while names.contains(&name) {
+                name = format!("{wanted}_{number}");
+                number += 1;
+            }
+            names.push(name);
+        }
+        names
+    }
+}
+
+fn stem(path: &Path) -> String {
+    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    if stem.is_empty() { "clip".into() } else { stem }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clips_are_named_after_their_videos_and_never_twice_the_same() {
+        let mut job = Job::new("m.glb", vec!["a/walk.mp4".into(), "b/walk.mp4".into(), "run.gif".into()], "out");
+        assert_eq!(job.clip_names(), ["walk", "walk_2", "run"]);
+        job.clips = vec!["run".into()];
+        assert_eq!(job.clip_names(), ["run", "walk", "run_2"]);
+        job.height_px = 3;
+        assert!(job.check().unwrap_err().to_string().contains("64 to 2160"));
+    }
+}

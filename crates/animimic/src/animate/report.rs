@@ -1,0 +1,151 @@
+//! What a run says about itself: `report.json`.
+
+use super::{Job, Take};
+use crate::Evaluation;
+use animimic_scene::{Asset, Mask};
+use serde::Serialize;
+use serde_json::Value;
+
+/// Everything that a run found, fit for machines.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Program and version.
+    pub program: String,
+    /// The model's file name.
+    pub model: String,
+    /// Options that shaped the result.
+    pub options: Value,
+    /// Size of the model.
+    pub size: Value,
+    /// One entry per video.
+    pub clips: Vec<ClipReport>,
+    /// What the readers had to mend or ignore.
+    pub warnings: Vec<String>,
+    /// Wall time of each stage [s]: the only part that differs between equal runs.
+    pub timings: Value,
+}
+
+/// One clip.
+#[derive(Clone, Debug, Serialize)]
+pub struct ClipReport {
+    /// Clip name in the GLB.
+    pub name: String,
+    /// Frames.
+    pub frames: usize,
+    /// Frames per second.
+    pub fps: f64,
+    /// Working size of the video, width and height [px].
+    pub size_px: [usize; 2],
+    /// Size of the video in its file [px].
+    pub native_size_px: [usize; 2],
+    /// Statistics of the cues.
+    pub cues: Value,
+    /// Loss over iterations, by stage of the solver.
+    pub losses: Vec<LossCurve>,
+    /// Numbers of the metrics.
+    pub metrics: Value,
+    /// What the video left open, one sentence each.
+    pub uncertain: Vec<String>,
+}
+
+/// The loss during one stage of the solver.
+#[derive(Clone, Debug, Serialize)]
+pub struct LossCurve {
+    /// Stage.
+    pub stage: String,
+    /// Loss after each iteration.
+    pub values: Vec<f64>,
+}
+
+/// Below this overlap of model and object in frame 0, the camera is in doubt.
+const DOUBTFUL_CAMERA_IOU: f64 = 0.9;
+/// Below this share of points still followed, a frame counts as poorly tracked.
+const POOR_TRACKING: f64 = 0.25;
+/// Below this, the mask provider doubts its background.
+const DOUBTFUL_MASK: f32 = 0.5;
+
+impl Report {
+    pub(super) fn new(job: &Job, asset: &Asset, clips: Vec<ClipReport>) -> Self {
+        let options = serde_json::json!({
+            "camera": job.camera.to_string(), "height_px": job.height_px, "seed": job.seed,
+            "frames": job.frames.as_ref().map(|f| [f.start, f.end]),
+        });
+        let mesh = &asset.mesh;
+        let size = serde_json::json!({
+            "vertices": mesh.positions.len(), "welded_vertices": mesh.welded_count, "triangles": mesh.triangles.len(),
+            "joints": asset.rig.skeleton.joints.len(), "diagonal": mesh.diagonal(),
+        });
+        let file_name = |p: &std::path::Path| p.file_name().map(|n| n.to_string_lossy().into_owned());
+        Self {
+            program: concat!("animimic ", env!("CARGO_PKG_VERSION")).into(),
+            model: file_name(&job.model).unwrap_or_default(),
+            options,
+            size,
+            clips,
+            warnings: asset.warnings.clone(),
+            timings: Value::Null,
+        }
+    }
+}
+
+impl ClipReport {
+    pub(super) fn new(take: &Take, evaluation: &Evaluation) -> Self {
+        let frame = &take.video.frames[0];
+        let tracked = tracked_share(take);
+        let mut uncertain = take.uncertain.clone();
+        uncertain.extend(doubts(take, evaluation, &tracked));
+        Self {
+            name: take.name.clone(),
+            frames: take.video.frames.len(),
+            fps: take.motion.fps,
+            size_px: [frame.width, frame.height],
+            native_size_px: [take.video.native_size.0, take.video.native_size.1],
+            cues: cue_statistics(take, &tracked),
+            losses: take.losses.clone(),
+            metrics: evaluation.to_json(),
+            uncertain,
+        }
+    }
+}
+
+/// Share of the points of frame 0 that are still seen, \[frame\].
+fn tracked_share(take: &Take) -> Vec<f64> {
+    let tracks = &take.cues.tracks;
+    let first: Vec<usize> = (0..tracks.query_frame.len()).filter(|&i| tracks.query_frame[i] == 0).collect();
+    let seen = |row: &Vec<f32>| first.iter().filter(|&&i| row[i] > 0.0).count() as f64 / first.len().max(1) as f64;
+    tracks.confidence.iter().map(seen).collect()
+}
+
+fn cue_statistics(take: &Take, tracked: &[f64]) -> Value {
+    let tracks = &take.cues.tracks;
+    let per_frame = |row: &Vec<f32>| row.iter().filter(|c| **c > 0.0).count() as f64;
+    let mean = |v: Vec<f64>| v.iter().sum::<f64>() / v.len().max(1) as f64;
+    let least = |v: &[f32]| v.iter().copied().fold(1.0, f32::min);
+    serde_json::json!({
+        "points": tracks.query_frame.len(),
+        "points_per_frame": mean(tracks.confidence.iter().map(per_frame).collect()),
+        "first_points_left_at_end": tracked.last().copied().unwrap_or(0.0),
+        "mask_area_mean_px": mean(take.cues.masks.iter().map(|m| m.area() as f64).collect()),
+        "mask_confidence_min": least(&take.mask_confidence),
+    })
+}
+
+fn doubts(take: &Take, evaluation: &Evaluation, tracked: &[f64]) -> Vec<String> {
+    let mut out = Vec::new();
+    if let Some(iou) = evaluation.get("iou_main_frame0").filter(|i| *i < DOUBTFUL_CAMERA_IOU) {
+        out.push(format!("camera: the model covers frame 0 with an overlap of only {iou:.2}"));
+    }
+    let weak = take.mask_confidence.iter().filter(|c| **c < DOUBTFUL_MASK).count();
+    if weak > 0 {
+        out.push(format!("masks: the background of {weak} frames is not plain, their outlines are in doubt"));
+    }
+    let poor = tracked.iter().filter(|s| **s < POOR_TRACKING).count();
+    if poor > 0 {
+        out.push(format!("tracks: in {poor} frames under a quarter of the first frame's points were still followed"));
+    }
+    let empty = take.cues.masks.iter().filter(|m: &&Mask| m.area() == 0).count();
+    if empty > 0 {
+        out.push(format!("masks: no object was found in {empty} frames"));
+    }
+    out
+}

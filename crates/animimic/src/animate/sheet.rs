@@ -1,0 +1,106 @@
+//! Videos and contact sheets of a take.
+
+use super::Take;
+use crate::camera::side_views;
+use crate::pictures::{Studio, border_color, resized};
+use animimic_render::overlay;
+use animimic_scene::{Asset, Camera, Image, Pose};
+use glam::DVec3;
+
+/// Columns of the contact sheet.
+const COLUMNS: usize = 8;
+/// Width of a cell of the contact sheet [px].
+const CELL_PX: usize = 256;
+const OUTLINE: [u8; 3] = [255, 60, 90];
+const BONE: [u8; 3] = [255, 210, 60];
+const INK: [u8; 3] = [40, 40, 48];
+
+/// A take with everything needed to draw it.
+pub struct Stage<'a> {
+    asset: &'a Asset,
+    take: &'a Take,
+    studio: Studio,
+    background: [u8; 3],
+    sides: [Camera; 2],
+}
+
+impl<'a> Stage<'a> {
+    /// Solves the light and places the side cameras.
+    pub fn new(asset: &'a Asset, take: &'a Take) -> Result<Self, crate::Error> {
+        let first = posed(asset, &take.motion.poses[0]);
+        let (camera, video) = (&take.camera.main, &take.video.frames[0]);
+        let studio = Studio::new(asset, camera, &first, video, take.cues.masks.first())?;
+        let (low, high) = animimic_scene::mesh::bounds(&first);
+        let sides = side_views(camera, take.camera.target.unwrap_or(0.5 * (low + high)));
+        Ok(Self { asset, take, studio, background: border_color(video), sides })
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.take.video.frames.len().min(self.take.motion.poses.len())
+    }
+
+    /// Video, result and both side views of frame `t`, side by side, labelled.
+    pub fn views(&self, t: usize) -> Image {
+        let video = &self.take.video.frames[t];
+        let x = posed(self.asset, &self.take.motion.poses[t]);
+        let draw = |camera: &Camera| self.studio.draw(camera, &x, self.background).0;
+        let panels = [video.clone(), draw(&self.take.camera.main), draw(&self.sides[0]), draw(&self.sides[1])];
+        let mut out = Image::filled(4 * video.width, video.height, self.background);
+        for (k, (panel, label)) in panels.iter().zip(["video", "result", "-45", "+45"]).enumerate() {
+            overlay::paste(&mut out, panel, k * video.width, 0);
+            overlay::text(&mut out, k * video.width + 8, 8, label, 1, INK);
+        }
+        out
+    }
+
+    /// Eight frames in three rows: video, result, and the result's outline and bones over the video.
+    pub fn contact_sheet(&self) -> Image {
+        let frames = self.frames();
+        let size = (self.take.video.frames[0].width, self.take.video.frames[0].height);
+        let cell = (CELL_PX, (CELL_PX * size.1).div_ceil(size.0));
+        let mut out = Image::filled(COLUMNS * cell.0, 3 * cell.1, self.background);
+        for column in 0..COLUMNS {
+            let t = column * (frames - 1) / (COLUMNS - 1);
+            let pose = &self.take.motion.poses[t];
+            let x = posed(self.asset, pose);
+            let (result, coverage) = self.studio.draw(&self.take.camera.main, &x, self.background);
+            let mut traced = self.take.video.frames[t].clone();
+            overlay::contour(&mut traced, &coverage, OUTLINE);
+            self.bones(&mut traced, pose);
+            for (row, picture) in [&self.take.video.frames[t], &result, &traced].into_iter().enumerate() {
+                overlay::paste(&mut out, &resized(picture, cell.0, cell.1), column * cell.0, row * cell.1);
+            }
+            overlay::text(
+                &mut out,
+                column * cell.0 + 6,
+                6,
+                &format!("{:.2} s", t as f64 / self.take.motion.fps),
+                1,
+                INK,
+            );
+        }
+        out
+    }
+
+    /// Lines from joints to their parents.
+    fn bones(&self, image: &mut Image, pose: &Pose) {
+        let skeleton = &self.asset.rig.skeleton;
+        let world = skeleton.world_from_joint(&pose.locals);
+        let camera = &self.take.camera.main;
+        let place = |j: usize| {
+            let v = camera.to_view(world[j].translation);
+            (v.z > 0.0).then(|| camera.pixel_from_view(v))
+        };
+        for (j, joint) in skeleton.joints.iter().enumerate() {
+            if let Some((a, b)) = place(j).zip(joint.parent.and_then(place)) {
+                overlay::line(image, a, b, 1.5, BONE, 0.9);
+                overlay::disc(image, a, 2.0, BONE, 0.9);
+            }
+        }
+    }
+}
+
+fn posed(asset: &Asset, pose: &Pose) -> Vec<DVec3> {
+    asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&pose.locals))
+}
