@@ -5,6 +5,7 @@
 
 pub mod anchor;
 pub mod kinematics;
+pub mod limbs;
 pub mod solve_tree;
 pub mod smoothness;
 

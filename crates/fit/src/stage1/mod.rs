@@ -7,6 +7,7 @@
 
 pub mod contour;
 pub mod correspond;
+pub mod search;
 pub mod settings;
 pub mod sight;
 pub mod subject;

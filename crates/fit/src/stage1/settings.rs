@@ -27,6 +27,8 @@ pub struct Settings {
     pub reach_px: (f64, f64),
     /// Rounds of drawing and solving per frame while tracking.
     pub rounds: usize,
+    /// Limbs are searched where a frame looks this many times as unlike as frame 0.
+    pub search_above: f64,
     /// Rounds of drawing and solving all frames together.
     pub batch_rounds: usize,
 }
@@ -46,6 +48,7 @@ impl Default for Settings {
             huber_px: (6.0, 1.5),
             reach_px: (14.0, 5.0),
             rounds: 4,
+            search_above: 1.25,
             batch_rounds: 2,
         }
     }

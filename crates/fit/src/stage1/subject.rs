@@ -1,5 +1,6 @@
 //! The model that is fitted: everything about it that does not change from frame to frame.
 
+use animimic_rig::limbs::{Limb, limbs};
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::solve_tree::SolveTree;
 use animimic_rig::{Anchor, AnchorColumns, FramePose, Posed};
@@ -21,6 +22,8 @@ pub struct Subject<'a> {
     pub pseudo: Vec<Anchor>,
     /// Their Jacobian structure.
     pub pseudo_columns: Vec<AnchorColumns>,
+    /// Chains that can be swung as a whole.
+    pub limbs: Vec<Limb>,
     /// Rest diagonal [model unit].
     pub diagonal: f64,
 }
@@ -35,9 +38,12 @@ impl<'a> Subject<'a> {
         let vertices = tree.vertex_anchors(&asset.rig);
         let pseudo = pseudo_anchors(&vertices, tree.kinematics.len());
         let pseudo_columns = pseudo.iter().map(|a| a.columns(&tree.kinematics)).collect();
+        let diagonal = asset.mesh.diagonal();
+        let limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
         Ok(Self {
+            limbs,
             surface: Surface::new(&asset.mesh, &asset.looks)?,
-            diagonal: asset.mesh.diagonal(),
+            diagonal,
             asset,
             tree,
             vertices,
@@ -60,4 +66,17 @@ impl<'a> Subject<'a> {
     pub fn file_pose(&self, pose: &FramePose) -> Pose {
         self.tree.pose(&self.asset.rig, pose)
     }
+}
+
+/// The vertex farthest from each joint among those that follow it most; the joint itself where there is none.
+fn tips(tree: &SolveTree, vertices: &[Anchor], positions: &[DVec3]) -> Vec<DVec3> {
+    let mut tips = tree.kinematics.pivots.clone();
+    for (anchor, &x) in vertices.iter().zip(positions) {
+        let j = anchor.main_joint();
+        let pivot = tree.kinematics.pivots[j];
+        if x.distance(pivot) > tips[j].distance(pivot) {
+            tips[j] = x;
+        }
+    }
+    tips
 }

@@ -5,6 +5,7 @@ use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
 use super::settings::Settings;
 use super::sight::{Sight, Studio};
 use super::subject::Subject;
+use super::search::{Small, mismatch, swing_limbs};
 use crate::robust::Robust;
 use crate::solver::{Options, Problem, Smoothness, solve};
 use crate::terms::{Context, JointPrior, JointPriors, Pixels};
@@ -124,18 +125,35 @@ impl Stage<'_> {
     pub fn track(&self, progress: &mut dyn FnMut(usize) -> ControlFlow<()>) -> Result<Vec<FramePose>, FitError> {
         let kinematics = &self.subject.tree.kinematics;
         let mut poses = vec![kinematics.rest()];
+        let usual = self.mismatch(&poses[0], 0);
         for t in 1..self.frames.len() {
             poses.push(self.predict(&poses, t));
-            for round in 0..self.settings.rounds {
-                let (huber, reach) = (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
-                let found = self.correspond(&poses[t], t, reach);
-                self.solve(&mut poses, t..t + 1, &[found], huber, 6);
+            self.settle(&mut poses, t);
+            let unlike = self.mismatch(&poses[t], t);
+            if unlike > usual * self.settings.search_above {
+                let small = Small::new(&self.frames[t], self.studio.camera);
+                let mut trial = poses.clone();
+                trial[t] = swing_limbs(self.subject, &self.studio, &small, &poses[t], 2);
+                self.settle(&mut trial, t);
+                if self.mismatch(&trial[t], t) < unlike {
+                    poses = trial;
+                }
             }
             if progress(t).is_break() {
                 return Err(FitError::Stopped);
             }
         }
         Ok(poses)
+    }
+
+    /// Draws and solves the last frame in turn, from far to near.
+    fn settle(&self, poses: &mut [FramePose], t: usize) {
+        for round in 0..self.settings.rounds {
+            let (huber, reach) =
+                (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
+            let found = self.correspond(&poses[t], t, reach);
+            self.solve(poses, t..t + 1, &[found], huber, 6);
+        }
     }
 
     /// Geometric interpolation from a round's first to its last value.
@@ -157,21 +175,9 @@ impl Stage<'_> {
         if self.mismatch(&moved, t) < self.mismatch(last, t) { moved } else { last.clone() }
     }
 
-    /// How unlike a frame a pose looks: mean colour difference over the union of rendered and observed object, in [0, 1].
+    /// How unlike a frame a pose looks, in [0, 1].
     pub fn mismatch(&self, pose: &FramePose, t: usize) -> f64 {
-        let sight = self.draw(pose, t);
-        let frame = &self.frames[t];
-        let (mut sum, mut count) = (0.0, 0usize);
-        for p in 0..sight.raster.triangle.len() {
-            let (drawn, seen) = (sight.raster.covered(p), frame.mask.coverage[p] >= 128);
-            if drawn || seen {
-                let (a, b) = (sight.image.rgb[p], frame.image.rgb[p]);
-                let d: f64 = (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).abs()).sum::<f64>() / 765.0;
-                sum += d.min(COLOR_CAP) + if drawn != seen { SILHOUETTE_PENALTY } else { 0.0 };
-                count += 1;
-            }
-        }
-        sum / count.max(1) as f64
+        mismatch(&self.draw(pose, t), self.frames[t].image, self.frames[t].mask)
     }
 
     /// Refines all frames together: redraw every frame, solve jointly.
@@ -190,7 +196,3 @@ impl Stage<'_> {
 
 /// Share of the last velocity that a prediction keeps.
 const VELOCITY_KEPT: f64 = 0.9;
-/// Colour differences above this say no more than "wrong".
-const COLOR_CAP: f64 = 0.3;
-/// Added where only one of rendering and frame shows the object.
-const SILHOUETTE_PENALTY: f64 = 0.2;

@@ -1,0 +1,145 @@
+//! Limb search: when a frame still looks wrong after the local solve, limbs are swung over a grid of angles and the pose
+//! that looks most like the frame is taken as a new start.
+//!
+//! Local correspondences cannot follow a thin leg that moves farther than its own width between two frames, or that comes
+//! out from behind another. A search over a few angles per limb, scored by analysis and synthesis on small pictures, can.
+
+use super::correspond::Frame;
+use super::sight::{Sight, Studio};
+use super::subject::Subject;
+use animimic_math::so3;
+use animimic_rig::FramePose;
+use animimic_rig::limbs::Limb;
+use animimic_scene::{Camera, Image, Mask};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Angles tried for the first, second and third lever of a limb [rad].
+const ANGLES_RAD: [&[f64]; 3] =
+    [&[-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9], &[-0.8, -0.4, 0.0, 0.4, 0.8], &[-0.5, 0.0, 0.5]];
+/// Small pictures have this height [px].
+const SMALL_HEIGHT: usize = 192;
+/// Colour differences above this say no more than "wrong".
+const COLOR_CAP: f64 = 0.3;
+/// Added where only one of rendering and frame shows the object.
+const SILHOUETTE_PENALTY: f64 = 0.2;
+/// Cost of an angle [1/rad²], so that limbs do not move without reason.
+const ANGLE_COST: f64 = 2e-4;
+
+/// How unlike a frame a drawing looks: mean colour difference over the union of rendered and observed object, in [0, 1].
+pub fn mismatch(sight: &Sight, image: &Image, mask: &Mask) -> f64 {
+    let (mut sum, mut count) = (0.0, 0usize);
+    for p in 0..sight.raster.triangle.len() {
+        let (drawn, seen) = (sight.raster.covered(p), mask.coverage[p] >= 128);
+        if drawn || seen {
+            let (a, b) = (sight.image.rgb[p], image.rgb[p]);
+            let d: f64 = (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).abs()).sum::<f64>() / 765.0;
+            sum += d.min(COLOR_CAP) + if drawn != seen { SILHOUETTE_PENALTY } else { 0.0 };
+            count += 1;
+        }
+    }
+    sum / count.max(1) as f64
+}
+
+/// A frame reduced for quick scoring.
+pub struct Small {
+    camera: Camera,
+    image: Image,
+    mask: Mask,
+    background: Image,
+}
+
+impl Small {
+    /// Averages a frame down.
+    pub fn new(frame: &Frame, camera: &Camera) -> Self {
+        let factor = (frame.image.height / SMALL_HEIGHT).max(1);
+        let (w, h) = (frame.image.width / factor, frame.image.height / factor);
+        let exact = camera.resized((w * factor) as u32, (h * factor) as u32);
+        let camera = Camera { fx: camera.fx, fy: camera.fy, cx: camera.cx, cy: camera.cy, ..exact };
+        let coverage = (0..w * h)
+            .map(|i| {
+                let sum: usize = block(i, w, factor, frame.mask.width).map(|p| frame.mask.coverage[p] as usize).sum();
+                (sum / (factor * factor)) as u8
+            })
+            .collect();
+        Self {
+            camera: camera.resized(w as u32, h as u32),
+            image: averaged(frame.image, w, h, factor),
+            mask: Mask { width: w, height: h, coverage },
+            background: averaged(frame.background, w, h, factor),
+        }
+    }
+
+    fn score(&self, subject: &Subject, studio: &Studio, pose: &FramePose) -> f64 {
+        let studio = Studio { camera: &self.camera, ..*studio };
+        mismatch(&Sight::draw(subject, &studio, &self.background, pose), &self.image, &self.mask)
+    }
+}
+
+fn block(i: usize, w: usize, factor: usize, source_width: usize) -> impl Iterator<Item = usize> {
+    let (x, y) = (i % w * factor, i / w * factor);
+    (y..y + factor).flat_map(move |r| (x..x + factor).map(move |c| r * source_width + c))
+}
+
+fn averaged(image: &Image, w: usize, h: usize, factor: usize) -> Image {
+    let count = factor * factor;
+    let rgb = (0..w * h)
+        .map(|i| {
+            let mut sum = [0usize; 3];
+            for p in block(i, w, factor, image.width) {
+                (0..3).for_each(|c| sum[c] += image.rgb[p][c] as usize);
+            }
+            sum.map(|s| (s / count) as u8)
+        })
+        .collect();
+    Image { width: w, height: h, rgb }
+}
+
+/// The best pose found by swinging one limb after the other; never worse than `start` on the small picture.
+pub fn swing_limbs(subject: &Subject, studio: &Studio, small: &Small, start: &FramePose, sweeps: usize) -> FramePose {
+    let view_axis = studio.camera.view_from_world.matrix3.row(2);
+    let mut best = start.clone();
+    let mut score = small.score(subject, studio, &best);
+    for _ in 0..sweeps {
+        let before = score;
+        for limb in &subject.limbs {
+            let candidates = candidates(limb);
+            let scores: Vec<f64> = candidates
+                .par_iter()
+                .map(|angles| {
+                    let cost: f64 = angles.iter().map(|a| ANGLE_COST * a * a).sum();
+                    small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
+                })
+                .collect();
+            let Some(k) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
+            if scores[k] < score {
+                best = swung(subject, &best, limb, &candidates[k], view_axis);
+                score = small.score(subject, studio, &best);
+            }
+        }
+        if score >= before * 0.999 {
+            break;
+        }
+    }
+    best
+}
+
+/// All combinations of angles for a limb's first levers.
+fn candidates(limb: &Limb) -> Vec<Vec<f64>> {
+    let mut all: Vec<Vec<f64>> = vec![Vec::new()];
+    // A straight limb is swung as a whole and bent once.
+    let depth = limb.levers.len().min(if limb.hinge.is_some() { 3 } else { 2 });
+    for angles in &ANGLES_RAD[..depth] {
+        all = all.iter().flat_map(|c| angles.iter().map(move |a| c.iter().copied().chain([*a]).collect())).collect();
+    }
+    all
+}
+
+fn swung(subject: &Subject, pose: &FramePose, limb: &Limb, angles: &[f64], view_axis: DVec3) -> FramePose {
+    let mut moved = pose.clone();
+    for (&j, &angle) in limb.levers.iter().zip(angles) {
+        let axis = limb.hinge.unwrap_or_else(|| subject.posed(&moved).transforms[j].matrix3.transpose() * view_axis);
+        moved.rotations[j] *= so3::exp(axis * angle);
+    }
+    moved
+}

@@ -1,0 +1,114 @@
+//! Limbs and hinges, read off the rest pose.
+//!
+//! A limb is a chain of joints from below a branching to a tip. Where it is bent at rest, it bends on in the same plane:
+//! the normal of that plane is its hinge axis (a knee, an elbow, a hock).
+
+use crate::kinematics::Kinematics;
+use glam::DVec3;
+
+/// A chain of joints that can be swung as a whole.
+#[derive(Clone, Debug)]
+pub struct Limb {
+    /// Joints from the body outwards.
+    pub joints: Vec<usize>,
+    /// Those of `joints` that carry a bone long enough to be seen turning.
+    pub levers: Vec<usize>,
+    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb.
+    pub hinge: Option<DVec3>,
+}
+
+/// Bones shorter than this turn without being seen [rest diagonal].
+const SHORTEST_LEVER: f64 = 0.04;
+/// A chain is bent where directions differ by more than this [rad].
+const LEAST_BEND_RAD: f64 = 0.2;
+
+/// All limbs. `tips` are the farthest surface points of each joint's own geometry, used as the end of the last bone.
+pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb> {
+    let children = children(kinematics);
+    let reach = reaches(kinematics, tips, &children);
+    let mut limbs = Vec::new();
+    for top in 0..kinematics.len() {
+        let Some(parent) = kinematics.parents[top] else { continue };
+        if children[parent].len() < 2 && kinematics.parents[parent].is_some() {
+            continue;
+        }
+        let mut joints = vec![top];
+        while let Some(&next) =
+            children[joints[joints.len() - 1]].iter().max_by(|a, b| reach[**a].total_cmp(&reach[**b]))
+        {
+            joints.push(next);
+        }
+        let ends: Vec<DVec3> = joints[1..]
+            .iter()
+            .map(|&j| kinematics.pivots[j])
+            .chain(joints.last().map(|&j| tips[j]))
+            .collect();
+        let bone = |k: usize| ends[k] - kinematics.pivots[joints[k]];
+        let levers: Vec<usize> =
+            (0..joints.len()).filter(|&k| bone(k).length() > SHORTEST_LEVER * diagonal).map(|k| joints[k]).collect();
+        if levers.is_empty() {
+            continue;
+        }
+        let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal);
+        limbs.push(Limb { joints, levers, hinge });
+    }
+    limbs
+}
+
+/// Normal of the plane in which a chain of bones is bent: the sum of consecutive cross products, all turned to one side.
+fn hinge(bones: &[DVec3], diagonal: f64) -> Option<DVec3> {
+    let long: Vec<DVec3> = bones.iter().copied().filter(|b| b.length() > SHORTEST_LEVER * diagonal).collect();
+    let bends: Vec<DVec3> = long.windows(2).map(|w| w[0].normalize().cross(w[1].normalize())).collect();
+    let largest = bends.iter().copied().max_by(|a, b| a.length().total_cmp(&b.length()))?;
+    if largest.length() < LEAST_BEND_RAD.sin() {
+        return None;
+    }
+    let sum: DVec3 = bends.iter().map(|b| if b.dot(largest) < 0.0 { -*b } else { *b }).sum();
+    sum.try_normalize()
+}
+
+/// Child joints of every joint.
+pub fn children(kinematics: &Kinematics) -> Vec<Vec<usize>> {
+    let mut children = vec![Vec::new(); kinematics.len()];
+    for (j, parent) in kinematics.parents.iter().enumerate() {
+        if let Some(p) = parent {
+            children[*p].push(j);
+        }
+    }
+    children
+}
+
+/// Longest way from each joint to a tip below it.
+fn reaches(kinematics: &Kinematics, tips: &[DVec3], children: &[Vec<usize>]) -> Vec<f64> {
+    let mut reach: Vec<f64> = (0..kinematics.len()).map(|j| kinematics.pivots[j].distance(tips[j])).collect();
+    for j in (0..kinematics.len()).rev() {
+        for &c in &children[j] {
+            reach[j] = reach[j].max(kinematics.pivots[j].distance(kinematics.pivots[c]) + reach[c]);
+        }
+    }
+    reach
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bent_leg_hinges_about_the_normal_of_its_plane_and_a_straight_tail_does_not() {
+        let pivots = vec![
+            DVec3::ZERO,
+            DVec3::new(0.2, 0.0, 0.0),
+            DVec3::new(0.2, -0.5, 0.2),
+            DVec3::new(0.2, -1.0, -0.1),
+            DVec3::new(0.0, 0.0, -0.3),
+            DVec3::new(0.0, 0.0, -0.8),
+        ];
+        let parents = vec![None, Some(0), Some(1), Some(2), Some(0), Some(4)];
+        let tips: Vec<DVec3> = pivots.iter().map(|p| *p + DVec3::new(0.0, 0.0, -0.01)).collect();
+        let tree = Kinematics::new(parents, pivots, vec![true; 6], vec![false; 6]);
+        let found = limbs(&tree, &tips, 1.5);
+        assert_eq!(found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(), [vec![1, 2, 3], vec![4, 5]]);
+        assert!(found[0].hinge.expect("bent").x.abs() > 0.99);
+        assert!(found[1].hinge.is_none());
+    }
+}
