@@ -49,7 +49,7 @@ impl Weights {
             b0: [(p[0].q * l0[0]) as f32, (p[0].q * l0[1]) as f32],
             b1: [(p[1].q * l1[0]) as f32, (p[1].q * l1[1]) as f32],
             q: [p[2].q as f32, slope(0) as f32, slope(1) as f32],
-            z: p.map(|p| (1.0 / p.q) as f32),
+            z: [1.0 / p[0].q as f32, 1.0 / p[1].q as f32, 1.0 / p[2].q as f32],
         })
     }
 

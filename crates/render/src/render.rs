@@ -86,7 +86,8 @@ pub fn render_into(
 ) {
     out.screen = project(camera, positions);
     rasterize_screen_into(camera, surface, positions, &out.screen, false, &mut out.raster);
-    out.normals = posed_normals(&surface.normals, positions, &surface.triangles);
+    out.normals =
+        if surface.unlit { Normals::default() } else { posed_normals(&surface.normals, positions, &surface.triangles) };
     let posed = Posed { surface, screen: &out.screen, normals: &out.normals };
     shade_into(&posed, &out.raster, light, background, false, &mut out.rgb);
 }
@@ -131,7 +132,7 @@ pub fn render_vjp(
     edges_vjp(&posed, light, rendered, d, &mut d_screen);
 
     let mut d_positions = vec![DVec3::ZERO; positions.len()];
-    if !d.rgb.is_empty() {
+    if !d.rgb.is_empty() && !surface.unlit {
         posed_normals_vjp(&surface.normals, positions, &surface.triangles, &d_normals, &mut d_positions);
     }
     let d_camera = project_vjp(camera, positions, &d_screen, &mut d_positions);
@@ -191,6 +192,9 @@ impl Inner<'_> {
             d.q += f64::from(sums.q[k]);
         }
         *sums = DCorners::default();
+        if c.look.unlit {
+            return;
+        }
         let normal = std::mem::take(&mut self.shade.normal);
         match self.posed.normals {
             Normals::Smooth(_) => c.vertices.iter().zip(normal).for_each(|(&v, n)| self.d_normals[v] += n * c.side),

@@ -129,8 +129,9 @@ impl<'a> Posed<'a> {
     /// What a triangle's fragments have in common. Weights are made where the texture needs them or `with_weights` says so.
     pub fn corners(&self, id: u32, with_weights: bool) -> Corners<'a> {
         let s = self.surface;
-        let vertices = s.triangles[id as usize].map(|v| v as usize);
-        let p = vertices.map(|v| self.screen[v]);
+        let [v0, v1, v2] = s.triangles[id as usize];
+        let vertices = [v0 as usize, v1 as usize, v2 as usize];
+        let p = [self.screen[vertices[0]], self.screen[vertices[1]], self.screen[vertices[2]]];
         let back = (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[2].x - p[0].x) * (p[1].y - p[0].y) > 0.0;
         let side = if back { -1.0 } else { 1.0 };
         let look = s.look(id);
