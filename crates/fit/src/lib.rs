@@ -6,6 +6,7 @@
 mod error;
 pub mod normal;
 pub mod robust;
+pub mod smoothness;
 pub mod solver;
 pub mod stage1;
 pub mod terms;

@@ -87,7 +87,6 @@ impl Stage<'_> {
         let axis = self.studio.camera.view_from_world.matrix3.row(2);
         Smoothness {
             anchors: self.subject.pseudo.clone(),
-            columns: self.subject.pseudo_columns.clone(),
             velocity: self.settings.velocity / d2,
             acceleration: self.settings.acceleration / d2,
             basis: Smoothness::stretched_basis(axis, self.settings.view_axis),
