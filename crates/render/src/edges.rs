@@ -110,8 +110,7 @@ impl Edges<'_> {
         }
         let (va, vb) = (self.posed.surface.triangles[ta as usize], self.posed.surface.triangles[tb as usize]);
         let shared = va.iter().any(|v| vb.contains(v));
-        let joined = &self.posed.surface.topology.joined;
-        let outline = |v: [u32; 3]| v.iter().any(|&v| self.silhouette.vertices[joined[v as usize] as usize]);
+        let outline = |v: [u32; 3]| v.iter().any(|&v| self.silhouette.vertices[v as usize]);
         let inner = !outline(va) && !outline(vb);
         if shared && inner && self.no_jumps {
             return;
@@ -121,12 +120,13 @@ impl Edges<'_> {
         match step {
             Step::First => self.step(a, b, axis, true),
             Step::Second => self.step(a, b, axis, false),
-            Step::Continuous => {
+            // Between triangles that do not even touch, something small lies that no pixel shows: no jump can be told.
+            Step::Continuous if joined || !self.no_jumps => {
                 let g = 0.5 * self.jump(a, b, axis);
                 self.scatter(a, axis, 1.0, g);
                 self.scatter(b, axis, -1.0, g);
             }
-            Step::Intersection => {}
+            Step::Continuous | Step::Intersection => {}
         }
     }
 

@@ -82,7 +82,7 @@ pub struct Crossing {
 /// Which vertices lie on a silhouette, and all crossings, sorted by pair.
 #[derive(Clone, Debug, Default)]
 pub struct Silhouette {
-    /// Per joined vertex: whether it lies on a possible silhouette.
+    /// Per vertex: whether it lies on a possible silhouette.
     pub vertices: Vec<bool>,
     /// Crossings by [`Crossing::pair`].
     pub crossings: Vec<Crossing>,
@@ -134,7 +134,8 @@ pub fn silhouette(
         t.iter().for_each(|&v| on_silhouette[topology.joined[v as usize] as usize] = true);
     }
     crossings.sort_by_key(|c| c.pair);
-    Silhouette { vertices: on_silhouette, crossings }
+    let vertices = topology.joined.iter().map(|&v| on_silhouette[v as usize]).collect();
+    Silhouette { vertices, crossings }
 }
 
 /// The one of a fold's two triangles that is seen: the front where backs are hidden, else the nearer.
