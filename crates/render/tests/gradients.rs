@@ -275,7 +275,7 @@ fn scenes() -> Vec<Scene> {
         scene("interior", vec![plane()], true, vec![textured(waves(16), false)], 0.2),
         scene("silhouette", vec![painted(ball(DVec3::ZERO, 0.9))], true, vec![plain([1.0; 4])], 0.2),
         scene("occlusion", two(), true, vec![plain([0.8, 0.3, 0.2, 1.0]), plain([0.2, 0.4, 0.8, 1.0])], 0.2),
-        scene("self-occlusion", vec![painted(ring())], true, vec![plain([1.0; 4])], 0.45),
+        scene("self-occlusion", vec![painted(ring())], true, vec![plain([1.0; 4])], 0.2),
         scene("texture edge", vec![plane()], true, vec![textured(stripes, false)], 0.2),
         scene(
             "flat facets",

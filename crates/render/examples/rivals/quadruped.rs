@@ -115,7 +115,7 @@ impl Quadruped {
         world[j].0 * (v - self.joints[j]) + world[j].1
     }
 
-    /// Adjoint of [`Quadruped::vertices`] for R_j ← R_j exp δ_j, joint by joint, then the root offset: 93 numbers.
+    /// Adjoint of [`Quadruped::vertices`] for R_j ← R_j exp δ_j at δ = 0, joint by joint, then the root offset: 93 numbers.
     pub fn pose_vjp(&self, pose: &QuadrupedPose, d_vertices: &[DVec3]) -> Vec<f64> {
         let world = self.joints_of(pose);
         // Per joint: force Σ w d and its moment Σ w (x_j − c_j) × d about the joint, both handed on to the ancestors.
