@@ -6,9 +6,9 @@
 //! - only one is a surface: that one;
 //! - a and not b: A hides B; b and not a: B hides A;
 //! - both: two surfaces cut through each other; the step follows their intersection, which is left out;
-//! - neither: one surface continued, or an occlusion between triangles smaller than a pixel. It is an occlusion if the triangles
-//!   share no corner, a silhouette of the nearer surface crosses between the pixels, and the depths, continued along each
-//!   triangle's plane, miss each other by more than the planes' slopes.
+//! - neither: one surface continued, or an occlusion between triangles smaller than a pixel. It is an occlusion if a
+//!   silhouette with the nearer pixel on its inner side crosses between the two, before what the farther pixel shows. (A gap in
+//!   depth beyond the planes' slopes, the usual test, takes steep continuous surfaces for occlusions and the reverse.)
 //!
 //! EdgeGrad takes the colours and the moving point at the pixel centres. On a curved surface a pixel inside its outline
 //! the point, its normal and its velocity are already different ones (26° on a ball of 20 pixels), a bias that supersampled
@@ -19,7 +19,6 @@
 //! here the jump, both sides shaded at the middle, goes to both fragments in halves, as the shared edge moves with both. A
 //! smooth surface has no jump, and is not asked.
 
-use crate::interpolate::Weights;
 use crate::light::Light;
 use crate::project::ScreenPoint;
 use crate::raster::{NONE, Raster};
@@ -111,21 +110,23 @@ impl Edges<'_> {
         }
         let (va, vb) = (self.posed.surface.triangles[ta as usize], self.posed.surface.triangles[tb as usize]);
         let shared = va.iter().any(|v| vb.contains(v));
-        let inner = !self.silhouette.touches[ta as usize] && !self.silhouette.touches[tb as usize];
+        let outline = |v: [u32; 3]| v.iter().any(|&v| self.silhouette.vertices[v as usize]);
+        let inner = !outline(va) && !outline(vb);
         if shared && inner && self.no_jumps {
             return;
         }
         let joined = shared || self.joined(va, vb);
-        let step = if joined && inner { Step::Continuous } else { self.classify(a, b, axis, joined) };
+        let step = if joined && inner { Step::Continuous } else { self.classify(a, b, axis) };
         match step {
             Step::First => self.step(a, b, axis, true),
             Step::Second => self.step(a, b, axis, false),
-            Step::Continuous => {
+            // Between triangles that do not even touch, something small lies that no pixel shows: no jump can be told.
+            Step::Continuous if joined || !self.no_jumps => {
                 let g = 0.5 * self.jump(a, b, axis);
                 self.scatter(a, axis, 1.0, g);
                 self.scatter(b, axis, -1.0, g);
             }
-            Step::Intersection => {}
+            Step::Continuous | Step::Intersection => {}
         }
     }
 
@@ -228,7 +229,7 @@ impl Edges<'_> {
         va.iter().any(|&v| other.contains(&joined[v as usize]))
     }
 
-    fn classify(&self, a: usize, b: usize, axis: Axis, joined: bool) -> Step {
+    fn classify(&self, a: usize, b: usize, axis: Axis) -> Step {
         let raster = &self.rendered.raster;
         let (ta, tb) = (raster.triangle[a], raster.triangle[b]);
         let (pa, pb) = (self.points(ta), self.points(tb));
@@ -237,23 +238,12 @@ impl Edges<'_> {
             (true, false) => Step::First,
             (false, true) => Step::Second,
             (true, true) => Step::Intersection,
-            (false, false) if joined => Step::Continuous,
             (false, false) => {
-                let (Some(wa), Some(wb)) = (Weights::new(pa), Weights::new(pb)) else { return Step::Continuous };
-                let k = match axis {
-                    Axis::X => 0,
-                    Axis::Y => 1,
-                };
-                let (qa, qb) = (raster.inv_z[a], raster.inv_z[b]);
-                let (sa, sb) = (wa.depth_slope()[k], wb.depth_slope()[k]);
-                let gap = (qa + sa - qb).abs().min((qb - sb - qa).abs());
-                let (far, first) = if qa > qb { (b, true) } else { (a, false) };
-                if gap <= sa.abs().max(sb.abs()) || self.crossing(a, far, axis, first).is_none() {
-                    Step::Continuous
-                } else if qa > qb {
-                    Step::First
-                } else {
-                    Step::Second
+                let first = raster.inv_z[a] > raster.inv_z[b];
+                match self.crossing(a, if first { b } else { a }, axis, first) {
+                    None => Step::Continuous,
+                    Some(_) if first => Step::First,
+                    Some(_) => Step::Second,
                 }
             }
         }

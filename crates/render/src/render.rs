@@ -11,6 +11,7 @@ use crate::edges::edges_vjp;
 use crate::interpolate::DCorners;
 use crate::light::Light;
 use crate::normals::{Normals, posed_normals, posed_normals_vjp};
+use crate::plain::shade_plain_vjp;
 use crate::project::{DCamera, ScreenPoint, project, project_vjp};
 use crate::raster::{NONE, Raster};
 use crate::shade::{Corners, Posed, ShadeAdjoint, rasterize_screen_into, shade_into};
@@ -155,6 +156,10 @@ impl Inner<'_> {
         if d.rgb.is_empty() && d.depth.is_empty() {
             return;
         }
+        if self.posed.surface.plain && d.depth.is_empty() {
+            let (surface, screen) = (self.posed.surface, self.posed.screen);
+            return shade_plain_vjp(surface, screen, raster, rgb, d.rgb, &mut self.d_screen);
+        }
         let mut current = NONE;
         let mut corners = None;
         let mut sums = DCorners::default();
@@ -185,13 +190,7 @@ impl Inner<'_> {
 
     fn flush(&mut self, id: u32, corners: &Option<Corners>, sums: &mut DCorners) {
         let Some(c) = corners else { return };
-        for (k, &v) in c.vertices.iter().enumerate() {
-            let d = &mut self.d_screen[v];
-            d.x += f64::from(sums.x[k]);
-            d.y += f64::from(sums.y[k]);
-            d.q += f64::from(sums.q[k]);
-        }
-        *sums = DCorners::default();
+        sums.flush(c.vertices, &mut self.d_screen);
         if c.look.unlit {
             return;
         }
