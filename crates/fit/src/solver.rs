@@ -270,8 +270,16 @@ impl Smoothness {
         let product = |a: &Mat<f64>, b: &Mat<f64>, scale: f64, target: &mut Mat<f64>| {
             matmul(target.as_mut(), Accum::Add, a.transpose(), b.as_ref(), scale, Par::Seq);
         };
-        model.diagonal.par_iter_mut().enumerate().for_each(|(s, m)| product(&jacobians[s], &jacobians[s], band[0][s], m));
-        model.next.par_iter_mut().enumerate().for_each(|(s, m)| product(&jacobians[s + 1], &jacobians[s], band[1][s], m));
+        model
+            .diagonal
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(s, m)| product(&jacobians[s], &jacobians[s], band[0][s], m));
+        model
+            .next
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(s, m)| product(&jacobians[s + 1], &jacobians[s], band[1][s], m));
         model
             .after_next
             .par_iter_mut()
