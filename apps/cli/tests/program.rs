@@ -63,7 +63,8 @@ fn bad_inputs_are_told_in_one_sentence_and_nothing_is_written() {
     std::fs::write(path("half.json"), b"{\"width\": 512").unwrap();
     std::fs::create_dir(path("one")).unwrap();
     std::fs::copy(example_frame(&folder.path().join("frame.png")), folder.path().join("one/0.png")).unwrap();
-    let run = |m: &str, v: &str, c: &str, words: &str| fails_with(&["animate", m, v, "--camera", c, "-o", &out, "-q"], words);
+    let run =
+        |m: &str, v: &str, c: &str, words: &str| fails_with(&["animate", m, v, "--camera", c, "-o", &out, "-q"], words);
     run(&path("no.glb"), &video, &camera, "no.glb");
     run(&path("cut.glb"), &video, &camera, "cut.glb");
     run(&path("lfs.glb"), &video, &camera, "LFS");
@@ -81,7 +82,17 @@ fn bad_inputs_are_told_in_one_sentence_and_nothing_is_written() {
 
 /// Draws one frame of the example.
 fn example_frame(to: &Path) -> PathBuf {
-    let out = animimic(&["render", &example("creature.glb"), "-o", &to.display().to_string(), "--views", "input", "--height", "128", "-q"]);
+    let out = animimic(&[
+        "render",
+        &example("creature.glb"),
+        "-o",
+        &to.display().to_string(),
+        "--views",
+        "input",
+        "--height",
+        "128",
+        "-q",
+    ]);
     assert!(out.status.success(), "{}", text(&out.stderr));
     to.to_owned()
 }
@@ -96,7 +107,11 @@ fn the_shipped_example_is_what_the_program_makes_today() {
     let mut total = 0;
     for name in ["creature.glb", "creature.mp4", "camera.json"] {
         total += shipped(name).len();
-        assert_eq!(shipped(name), made(name), "{name} differs: make it again with `animimic example -o examples/creature`");
+        assert_eq!(
+            shipped(name),
+            made(name),
+            "{name} differs: make it again with `animimic example -o examples/creature`"
+        );
     }
     println!("{total} bytes");
     assert!(total < 2_000_000);
@@ -106,8 +121,21 @@ fn the_shipped_example_is_what_the_program_makes_today() {
 fn results(folder: &Path, threads: &str) -> Vec<(String, Vec<u8>)> {
     let out = folder.join(threads).display().to_string();
     let run = animimic(&[
-        "animate", &example("creature.glb"), &example("creature.mp4"), "--camera", &example("camera.json"), "-o", &out,
-        "--frames", "0..4", "--height", "160", "--threads", threads, "--json", "-q",
+        "animate",
+        &example("creature.glb"),
+        &example("creature.mp4"),
+        "--camera",
+        &example("camera.json"),
+        "-o",
+        &out,
+        "--frames",
+        "0..4",
+        "--height",
+        "160",
+        "--threads",
+        threads,
+        "--json",
+        "-q",
     ]);
     assert!(run.status.success(), "{}", text(&run.stderr));
     let report: Value = serde_json::from_slice(&run.stdout).unwrap();
@@ -147,11 +175,20 @@ fn a_result_measured_against_the_examples_truth_is_better_than_the_still_model()
     let path = |name: &str| folder.path().join(name).display().to_string();
     assert!(animimic(&["example", "-o", &path("example"), "--truth", "-q"]).status.success());
     let run = animimic(&[
-        "animate", &example("creature.glb"), &example("creature.mp4"), "--camera", &example("camera.json"), "-o",
-        &path("out"), "--height", "256", "-q",
+        "animate",
+        &example("creature.glb"),
+        &example("creature.mp4"),
+        "--camera",
+        &example("camera.json"),
+        "-o",
+        &path("out"),
+        "--height",
+        "256",
+        "-q",
     ]);
     assert!(run.status.success(), "{}", text(&run.stderr));
-    let measured = animimic(&["evaluate", &path("out/animated.glb"), "--truth", &path("example/truth"), "--json", "-q"]);
+    let measured =
+        animimic(&["evaluate", &path("out/animated.glb"), "--truth", &path("example/truth"), "--json", "-q"]);
     assert!(measured.status.success(), "{}", text(&measured.stderr));
     let json: Value = serde_json::from_slice(&measured.stdout).unwrap();
     println!("{json:#}");

@@ -3,9 +3,11 @@
 //! File paths, printing and where cues come from are deliberately absent.
 #![deny(missing_docs)]
 
+pub mod camera;
 mod error;
 pub mod normal;
 pub mod robust;
+pub mod smoothness;
 pub mod solver;
 pub mod stage1;
 pub mod terms;

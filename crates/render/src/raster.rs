@@ -7,9 +7,9 @@
 //!
 //! Barycentrics are resolved afterwards, once per visible pixel: overdraw costs only the depth test.
 
-use crate::clip::clip_near;
 use crate::interpolate::Weights;
 use crate::project::{ScreenPoint, project};
+use crate::setup::{Geometry, Setup, setup_all};
 use animimic_scene::{Camera, Mask};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -23,9 +23,6 @@ const BAND_ROWS: usize = 32;
 
 /// Pixels per SIMD step.
 const LANES: usize = 8;
-
-/// Vertices nearer than this fraction of the farthest vertex's depth are cut off: the only near plane there is.
-const NEAR_FRACTION: f64 = 1e-4;
 
 /// What each pixel centre sees.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -127,150 +124,37 @@ pub fn rasterize_into(
     let (width, height) = (camera.width as usize, camera.height as usize);
     raster.reset(width, height);
     let stride = width.next_multiple_of(LANES);
-    let setups = setup_all(camera, positions, screen, triangles, facing, width, height);
-    let geometry = Geometry { camera, positions, screen, triangles };
-    if width == 0 || height == 0 || setups.is_empty() {
+    if width == 0 || height == 0 {
         return;
     }
-    let band = if parallel { BAND_ROWS } else { height };
-    let bins = bin(&setups, band, height);
-    let size = band * width;
+    let geometry = Geometry { camera, positions, screen, triangles, facing, cutout, width, height };
+    if !parallel {
+        let rows = Rows { first: 0, width, stride };
+        let (triangle, inv_z, bary) = (&mut raster.triangle, &mut raster.inv_z, &mut raster.bary);
+        draw_band(&geometry, &rows, triangle, inv_z, bary, |draw| setup_all(&geometry, draw));
+        return;
+    }
+    let mut setups = Vec::with_capacity(triangles.len());
+    setup_all(&geometry, &mut |s| setups.push(*s));
+    let bins = bin(&setups, BAND_ROWS, height);
+    let size = BAND_ROWS * width;
     let bands = raster.triangle.chunks_mut(size).zip(raster.inv_z.chunks_mut(size)).zip(raster.bary.chunks_mut(size));
     let work: Vec<_> = bands.zip(&bins).enumerate().collect();
-    let run = |(index, (((triangle, inv_z), bary), bin)): (usize, BandWork)| {
-        let rows = Rows { first: index * band, width, stride };
-        draw_band(&geometry, &setups, bin, &rows, cutout, triangle, inv_z, bary);
-    };
-    if parallel { work.into_par_iter().for_each(run) } else { work.into_iter().for_each(run) }
+    work.into_par_iter().for_each(|(index, (((triangle, inv_z), bary), bin)): (usize, BandWork)| {
+        let rows = Rows { first: index * BAND_ROWS, width, stride };
+        draw_band(&geometry, &rows, triangle, inv_z, bary, |draw| {
+            bin.iter().for_each(|&s| draw(&setups[s as usize]));
+        });
+    });
 }
 
 /// A band's triangle, inverse depth and weight rows, and the setups that touch it.
 type BandWork<'a> = (((&'a mut [u32], &'a mut [f32]), &'a mut [[f32; 2]]), &'a Vec<u32>);
 
-struct Geometry<'a> {
-    camera: &'a Camera,
-    positions: &'a [DVec3],
-    screen: &'a [ScreenPoint],
-    triangles: &'a [[u32; 3]],
-}
-
 struct Rows {
     first: usize,
     width: usize,
     stride: usize,
-}
-
-/// One edge, oriented so that the triangle is where e ≥ `least`.
-#[derive(Clone, Copy, Debug, Default)]
-struct Edge {
-    x: f32,
-    y: f32,
-    dx: f32,
-    dy: f32,
-    least: f32,
-}
-
-/// All that the inner loop needs of a triangle (or of a piece of one cut at the near plane).
-#[derive(Clone, Copy, Debug)]
-struct Setup {
-    edges: [Edge; 3],
-    /// 1/z = q + qx (x − x0) + qy (y − y0), kept within the vertices' range because slivers extrapolate badly.
-    x0: f32,
-    y0: f32,
-    q: f32,
-    qx: f32,
-    qy: f32,
-    q_range: [f32; 2],
-    columns: [u32; 2],
-    rows: [u32; 2],
-    triangle: u32,
-}
-
-fn setup_all(
-    camera: &Camera,
-    positions: &[DVec3],
-    screen: &[ScreenPoint],
-    triangles: &[[u32; 3]],
-    facing: Facing,
-    width: usize,
-    height: usize,
-) -> Vec<Setup> {
-    let least_q = screen.iter().map(|s| s.q).filter(|&q| q > 0.0).fold(f64::INFINITY, f64::min);
-    if !least_q.is_finite() {
-        return Vec::new();
-    }
-    let largest_q = least_q / NEAR_FRACTION;
-    let mut setups = Vec::with_capacity(triangles.len());
-    for (index, corners) in triangles.iter().enumerate() {
-        if corners.iter().any(|&c| c as usize >= screen.len()) {
-            continue;
-        }
-        let p = corners.map(|c| screen[c as usize]);
-        let cull = facing.cull_back.get(index).copied().unwrap_or(false);
-        let id = index as u32;
-        if p.iter().all(|p| p.q > 0.0 && p.q <= largest_q) {
-            setups.extend(setup(p, cull, id, width, height));
-        } else if p.iter().any(|p| p.q > 0.0) {
-            let view = corners.map(|c| camera.to_view(positions[c as usize]));
-            let cut = clip_near(&view, 1.0 / largest_q);
-            for k in 2..cut.len() {
-                let piece = [cut[0], cut[k - 1], cut[k]].map(|v| {
-                    let pixel = camera.pixel_from_view(v);
-                    ScreenPoint { x: pixel.x, y: pixel.y, q: 1.0 / v.z }
-                });
-                setups.extend(setup(piece, cull, id, width, height));
-            }
-        }
-    }
-    setups
-}
-
-fn setup(p: [ScreenPoint; 3], cull: bool, triangle: u32, width: usize, height: usize) -> Option<Setup> {
-    let x = p.map(|p| p.x as f32);
-    let y = p.map(|p| p.y as f32);
-    let area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]);
-    // Front faces are counter-clockwise in the world, hence negative with y downwards. NaN fails every comparison below.
-    if !(area.is_finite() && area != 0.0) || (cull && area > 0.0) {
-        return None;
-    }
-    let columns = pixel_range(x, width)?;
-    let rows = pixel_range(y, height)?;
-    let q = p.map(|p| p.q as f32);
-    let (q1, q2) = (q[1] - q[0], q[2] - q[0]);
-    Some(Setup {
-        edges: [0, 1, 2].map(|k| edge([x[k], y[k]], [x[(k + 1) % 3], y[(k + 1) % 3]], area > 0.0)),
-        x0: x[0],
-        y0: y[0],
-        q: q[0],
-        qx: (q1 * (y[2] - y[0]) - q2 * (y[1] - y[0])) / area,
-        qy: (q2 * (x[1] - x[0]) - q1 * (x[2] - x[0])) / area,
-        q_range: [q[0].min(q[1]).min(q[2]), q[0].max(q[1]).max(q[2])],
-        columns,
-        rows,
-        triangle,
-    })
-}
-
-/// Pixels whose centres lie between the least and the largest of three coordinates, within the picture.
-fn pixel_range(c: [f32; 3], size: usize) -> Option<[u32; 2]> {
-    let lo = c[0].min(c[1]).min(c[2]);
-    let hi = c[0].max(c[1]).max(c[2]);
-    let first = (lo - 0.5).ceil().max(0.0);
-    let end = ((hi - 0.5).floor() + 1.0).min(size as f32);
-    (first < end).then_some([first as u32, end as u32])
-}
-
-fn edge(a: [f32; 2], b: [f32; 2], positive_area: bool) -> Edge {
-    // Upper end first; of two at the same height the right one: then e > 0 is right of the edge, below a horizontal one,
-    // which is where the top-left rule includes the edge itself.
-    let forward = a[1] < b[1] || (a[1] == b[1] && a[0] > b[0]);
-    let (l, h) = if forward { (a, b) } else { (b, a) };
-    // Walking a→b with positive area the interior has cross(b − a, p − a) > 0, i.e. e < 0 for l = a.
-    let inside_positive = forward != positive_area;
-    let sign = if inside_positive { 1.0 } else { -1.0 };
-    // The least positive float stands for "> 0".
-    let least = if inside_positive { 0.0 } else { f32::from_bits(1) };
-    Edge { x: l[0], y: l[1], dx: sign * (h[0] - l[0]), dy: sign * (h[1] - l[1]), least }
 }
 
 /// Triangles per band, in order.
@@ -284,15 +168,14 @@ fn bin(setups: &[Setup], band: usize, height: usize) -> Vec<Vec<u32>> {
     bins
 }
 
+/// Draws into a band of rows what `each` hands over, then resolves the weights.
 fn draw_band(
     geometry: &Geometry,
-    setups: &[Setup],
-    bin: &[u32],
     rows: &Rows,
-    cutout: Option<Cutout>,
     triangle: &mut [u32],
     inv_z: &mut [f32],
     bary: &mut [[f32; 2]],
+    each: impl FnOnce(&mut dyn FnMut(&Setup)),
 ) {
     let height = triangle.len() / rows.width;
     let padded = rows.stride != rows.width;
@@ -303,13 +186,10 @@ fn draw_band(
     };
     {
         let (ids, qs) = if padded { (&mut wide_triangle[..], &mut wide_q[..]) } else { (&mut *triangle, &mut *inv_z) };
-        for &index in bin {
-            let s = &setups[index as usize];
-            match cutout {
-                None => draw(s, rows, height, ids, qs),
-                Some(keep) => draw_cutout(geometry, s, rows, height, keep, ids, qs),
-            }
-        }
+        each(&mut |s| match geometry.cutout {
+            None => draw(s, rows, height, ids, qs),
+            Some(keep) => draw_cutout(geometry, s, rows, height, keep, ids, qs),
+        });
     }
     if padded {
         for row in 0..height {

@@ -4,10 +4,11 @@
 #![deny(missing_docs)]
 
 pub mod anchor;
+pub mod fixtures;
 pub mod kinematics;
 pub mod limbs;
-pub mod solve_tree;
 pub mod smoothness;
+pub mod solve_tree;
 
 pub use anchor::{Anchor, AnchorColumns};
 pub use kinematics::{FramePose, Kinematics, Posed};

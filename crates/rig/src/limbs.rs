@@ -38,11 +38,8 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
         {
             joints.push(next);
         }
-        let ends: Vec<DVec3> = joints[1..]
-            .iter()
-            .map(|&j| kinematics.pivots[j])
-            .chain(joints.last().map(|&j| tips[j]))
-            .collect();
+        let ends: Vec<DVec3> =
+            joints[1..].iter().map(|&j| kinematics.pivots[j]).chain(joints.last().map(|&j| tips[j])).collect();
         let bone = |k: usize| ends[k] - kinematics.pivots[joints[k]];
         let levers: Vec<usize> =
             (0..joints.len()).filter(|&k| bone(k).length() > SHORTEST_LEVER * diagonal).map(|k| joints[k]).collect();

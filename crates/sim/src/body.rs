@@ -90,8 +90,10 @@ pub struct Body {
     /// Free vertices in elimination order: the order of every solver vector.
     pub free: Vec<u32>,
     pub(crate) chunks: Vec<Chunk>,
-    pub(crate) pattern: BlockPattern,
-    pub(crate) symbolic: Symbolic,
+    /// Blocks of the Hessian on the free vertices, lower triangle, in elimination order.
+    pub pattern: BlockPattern,
+    /// Symbolic analysis of the pattern.
+    pub symbolic: Symbolic,
     pub(crate) vertex_slots: Gather,
     pub(crate) block_slots: Gather,
 }
@@ -232,8 +234,7 @@ fn build_chunks(mesh: &TetMesh, volume: &[f64], position: &[u32], pattern: &Bloc
         .collect();
     sorted.sort_unstable();
     let chunk = |tets: &[(u32, u32, [u32; 4])]| {
-        let mut chunk = Chunk::default();
-        chunk.vertices = tets.iter().flat_map(|t| t.2).collect();
+        let mut chunk = Chunk { vertices: tets.iter().flat_map(|t| t.2).collect(), ..Chunk::default() };
         chunk.vertices.sort_unstable();
         chunk.vertices.dedup();
         let block_of = |corners: &[u32; 4], (row, column): (usize, usize)| {

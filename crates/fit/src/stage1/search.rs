@@ -14,11 +14,10 @@ use animimic_scene::{Camera, Image, Mask};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Angles tried for the first, second and third lever of a limb [rad].
-const ANGLES_RAD: [&[f64]; 3] =
-    [&[-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9], &[-0.8, -0.4, 0.0, 0.4, 0.8], &[-0.5, 0.0, 0.5]];
+/// Angles tried for the first and second lever of a limb [rad].
+const ANGLES_RAD: [&[f64]; 2] = [&[-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9], &[-0.8, -0.4, 0.0, 0.4, 0.8]];
 /// Small pictures have this height [px].
-const SMALL_HEIGHT: usize = 192;
+const SMALL_HEIGHT: usize = 128;
 /// Colour differences above this say no more than "wrong".
 const COLOR_CAP: f64 = 0.3;
 /// Added where only one of rendering and frame shows the object.
@@ -96,29 +95,23 @@ fn averaged(image: &Image, w: usize, h: usize, factor: usize) -> Image {
 }
 
 /// The best pose found by swinging one limb after the other; never worse than `start` on the small picture.
-pub fn swing_limbs(subject: &Subject, studio: &Studio, small: &Small, start: &FramePose, sweeps: usize) -> FramePose {
+pub fn swing_limbs(subject: &Subject, studio: &Studio, small: &Small, start: &FramePose) -> FramePose {
     let view_axis = studio.camera.view_from_world.matrix3.row(2);
     let mut best = start.clone();
     let mut score = small.score(subject, studio, &best);
-    for _ in 0..sweeps {
-        let before = score;
-        for limb in &subject.limbs {
-            let candidates = candidates(limb);
-            let scores: Vec<f64> = candidates
-                .par_iter()
-                .map(|angles| {
-                    let cost: f64 = angles.iter().map(|a| ANGLE_COST * a * a).sum();
-                    small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
-                })
-                .collect();
-            let Some(k) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
-            if scores[k] < score {
-                best = swung(subject, &best, limb, &candidates[k], view_axis);
-                score = small.score(subject, studio, &best);
-            }
-        }
-        if score >= before * 0.999 {
-            break;
+    for limb in &subject.limbs {
+        let candidates = candidates(limb);
+        let scores: Vec<f64> = candidates
+            .par_iter()
+            .map(|angles| {
+                let cost: f64 = angles.iter().map(|a| ANGLE_COST * a * a).sum();
+                small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
+            })
+            .collect();
+        let Some(k) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
+        if scores[k] < score {
+            best = swung(subject, &best, limb, &candidates[k], view_axis);
+            score = small.score(subject, studio, &best);
         }
     }
     best
@@ -127,9 +120,7 @@ pub fn swing_limbs(subject: &Subject, studio: &Studio, small: &Small, start: &Fr
 /// All combinations of angles for a limb's first levers.
 fn candidates(limb: &Limb) -> Vec<Vec<f64>> {
     let mut all: Vec<Vec<f64>> = vec![Vec::new()];
-    // A straight limb is swung as a whole and bent once.
-    let depth = limb.levers.len().min(if limb.hinge.is_some() { 3 } else { 2 });
-    for angles in &ANGLES_RAD[..depth] {
+    for angles in &ANGLES_RAD[..limb.levers.len().min(ANGLES_RAD.len())] {
         all = all.iter().flat_map(|c| angles.iter().map(move |a| c.iter().copied().chain([*a]).collect())).collect();
     }
     all

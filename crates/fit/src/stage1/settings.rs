@@ -15,6 +15,12 @@ pub struct Settings {
     pub view_axis: f64,
     /// Pull of every joint towards its rest rotation [1/rad²].
     pub rest: f64,
+    /// Stiffness of a bent limb's joints against turning about other axes than its hinge [1/rad²].
+    pub off_hinge: f64,
+    /// The same for the limb's first joint.
+    pub off_hinge_top: f64,
+    /// Pull of the root against sideways displacement [1/diagonal²].
+    pub lateral: f64,
     /// Pull of a floating part towards its place [1/diagonal²].
     pub slide: f64,
     /// Pull of every joint towards its rest rotation in frame 0 [1/rad²].
@@ -38,17 +44,20 @@ impl Default for Settings {
         Self {
             flow: 300.0,
             contour: 150.0,
-            velocity: 300.0,
+            velocity: 2000.0,
             acceleration: 1500.0,
             view_axis: 5.0,
             rest: 30.0,
             first_frame: 1e4,
             first_frame_slide: 1e6,
+            off_hinge: 1000.0,
+            off_hinge_top: 400.0,
+            lateral: 1e5,
             slide: 3e4,
             huber_px: (6.0, 1.5),
             reach_px: (14.0, 5.0),
             rounds: 4,
-            search_above: 1.25,
+            search_above: 1.5,
             batch_rounds: 2,
         }
     }

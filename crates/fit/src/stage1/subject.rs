@@ -1,10 +1,10 @@
 //! The model that is fitted: everything about it that does not change from frame to frame.
 
+use animimic_render::{RenderError, Surface};
 use animimic_rig::limbs::{Limb, limbs};
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::solve_tree::SolveTree;
 use animimic_rig::{Anchor, AnchorColumns, FramePose, Posed};
-use animimic_render::{RenderError, Surface};
 use animimic_scene::{Asset, Pose};
 use glam::DVec3;
 
@@ -24,6 +24,8 @@ pub struct Subject<'a> {
     pub pseudo_columns: Vec<AnchorColumns>,
     /// Chains that can be swung as a whole.
     pub limbs: Vec<Limb>,
+    /// Sideways direction of the body: the axis about which most limbs hinge, if they agree.
+    pub lateral: Option<DVec3>,
     /// Rest diagonal [model unit].
     pub diagonal: f64,
 }
@@ -41,6 +43,7 @@ impl<'a> Subject<'a> {
         let diagonal = asset.mesh.diagonal();
         let limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
         Ok(Self {
+            lateral: lateral(&limbs),
             limbs,
             surface: Surface::new(&asset.mesh, &asset.looks)?,
             diagonal,
@@ -79,4 +82,17 @@ fn tips(tree: &SolveTree, vertices: &[Anchor], positions: &[DVec3]) -> Vec<DVec3
         }
     }
     tips
+}
+
+/// Hinges within this angle of each other agree (cosine of 30°).
+const LATERAL_AGREEMENT: f64 = 0.866;
+
+/// The axis about which most limbs hinge: sideways, for most bodies. At least two limbs and half of all bent ones must agree.
+fn lateral(limbs: &[Limb]) -> Option<DVec3> {
+    let hinges: Vec<DVec3> = limbs.iter().filter_map(|l| l.hinge).collect();
+    let agreeing = |axis: DVec3| hinges.iter().filter(move |h| h.dot(axis).abs() > LATERAL_AGREEMENT);
+    let best = hinges.iter().copied().max_by_key(|h| agreeing(*h).count())?;
+    let sum: DVec3 = agreeing(best).map(|h| if h.dot(best) < 0.0 { -*h } else { *h }).sum();
+    let count = agreeing(best).count();
+    (count >= 2 && 2 * count >= hinges.len()).then(|| sum.normalize())
 }

@@ -1,15 +1,16 @@
 //! Frame by frame: draw the model where it is believed to be, see where its points went, move it there.
 
-use crate::FitError;
 use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
+use super::search::{Small, mismatch, swing_limbs};
 use super::settings::Settings;
 use super::sight::{Sight, Studio};
 use super::subject::Subject;
-use super::search::{Small, mismatch, swing_limbs};
+use crate::FitError;
 use crate::robust::Robust;
 use crate::solver::{Options, Problem, Smoothness, solve};
 use crate::terms::{Context, JointPrior, JointPriors, Pixels};
 use animimic_rig::{AnchorColumns, FramePose};
+use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::{ControlFlow, Range};
 
@@ -56,7 +57,8 @@ impl Stage<'_> {
         let s = &self.settings;
         let kinematics = &self.subject.tree.kinematics;
         let mut anchors = Vec::new();
-        let mut flow = Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
+        let mut flow =
+            Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
         let mut contour = Pixels { weight: s.contour, ..flow.clone() };
         for (t, c) in active.clone().zip(found) {
             let base = anchors.len() as u32;
@@ -88,7 +90,6 @@ impl Stage<'_> {
         let axis = self.studio.camera.view_from_world.matrix3.row(2);
         Smoothness {
             anchors: self.subject.pseudo.clone(),
-            columns: self.subject.pseudo_columns.clone(),
             velocity: self.settings.velocity / d2,
             acceleration: self.settings.acceleration / d2,
             basis: Smoothness::stretched_basis(axis, self.settings.view_axis),
@@ -96,23 +97,32 @@ impl Stage<'_> {
     }
 
     fn priors(&self) -> JointPriors {
+        let s = &self.settings;
         let kinematics = &self.subject.tree.kinematics;
         let d2 = self.subject.diagonal.powi(2);
-        let prior = |j: usize| {
-            if kinematics.parents[j].is_none() {
-                return JointPrior { slide_stiffness: 0.0, ..JointPrior::FREE };
-            }
-            JointPrior {
-                stiffness: self.settings.rest,
-                slide_stiffness: self.settings.slide / d2,
-                ..JointPrior::FREE
-            }
+        let across = |axis: DVec3, stiffness: f64| {
+            let (a, b) = axis.any_orthonormal_pair();
+            [a * stiffness.sqrt(), b * stiffness.sqrt()]
         };
-        let all: Vec<JointPrior> = (0..kinematics.len()).map(prior).collect();
+        let mut all: Vec<JointPrior> =
+            vec![JointPrior { stiffness: s.rest, slide_stiffness: s.slide / d2, ..JointPrior::FREE }; kinematics.len()];
+        for limb in &self.subject.limbs {
+            let Some(hinge) = limb.hinge else { continue };
+            for (k, &j) in limb.joints.iter().enumerate() {
+                all[j].stiff_axes = across(hinge, if k == 0 { s.off_hinge_top } else { s.off_hinge });
+            }
+        }
+        for root in (0..kinematics.len()).filter(|&j| kinematics.parents[j].is_none()) {
+            all[root] = JointPrior::FREE;
+            if let Some(lateral) = self.subject.lateral {
+                all[root].stiff_axes = across(lateral, s.rest);
+                all[root].slide_axis = lateral * (s.lateral / d2).sqrt();
+            }
+        }
         // Frame 0 shows the rest pose: the video began from a picture of it.
         let held = |p: &JointPrior| JointPrior {
-            stiffness: p.stiffness + self.settings.first_frame,
-            slide_stiffness: p.slide_stiffness + self.settings.first_frame_slide / d2,
+            stiffness: p.stiffness + s.first_frame,
+            slide_stiffness: p.slide_stiffness + s.first_frame_slide / d2,
             ..*p
         };
         JointPriors { joints: vec![all.iter().map(held).collect(), all] }
@@ -133,7 +143,7 @@ impl Stage<'_> {
             if unlike > usual * self.settings.search_above {
                 let small = Small::new(&self.frames[t], self.studio.camera);
                 let mut trial = poses.clone();
-                trial[t] = swing_limbs(self.subject, &self.studio, &small, &poses[t], 2);
+                trial[t] = swing_limbs(self.subject, &self.studio, &small, &poses[t]);
                 self.settle(&mut trial, t);
                 if self.mismatch(&trial[t], t) < unlike {
                     poses = trial;

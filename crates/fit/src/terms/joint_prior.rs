@@ -14,8 +14,8 @@ pub struct JointPrior {
     pub rotation: DMat3,
     /// Stiffness towards R̄ [1/rad²].
     pub stiffness: f64,
-    /// Further stiffness of log(R̄ᵀR) along an axis (joint space at R̄), the axis' length being the square root of it.
-    pub stiff_axis: DVec3,
+    /// Further stiffness of log(R̄ᵀR) along two axes (joint space at R̄), an axis' length being the square root of it.
+    pub stiff_axes: [DVec3; 2],
     /// Angle from rest beyond which the limit acts [rad].
     pub limit_rad: f64,
     /// Stiffness of the limit [1/rad²].
@@ -24,6 +24,8 @@ pub struct JointPrior {
     pub displacement: DVec3,
     /// Stiffness towards t̄ [1/model unit²].
     pub slide_stiffness: f64,
+    /// Further stiffness of t − t̄ along an axis, the axis' length being the square root of it.
+    pub slide_axis: DVec3,
 }
 
 impl JointPrior {
@@ -31,11 +33,12 @@ impl JointPrior {
     pub const FREE: Self = Self {
         rotation: DMat3::IDENTITY,
         stiffness: 0.0,
-        stiff_axis: DVec3::ZERO,
+        stiff_axes: [DVec3::ZERO; 2],
         limit_rad: f64::INFINITY,
         limit_stiffness: 0.0,
         displacement: DVec3::ZERO,
         slide_stiffness: 0.0,
+        slide_axis: DVec3::ZERO,
     };
 }
 
@@ -64,11 +67,12 @@ impl Term for JointPriors {
                 let w = so3::log(&(prior.rotation.transpose() * at.pose.rotations[j]));
                 let beyond = (so3::log(&at.pose.rotations[j]).length() - prior.limit_rad).max(0.0);
                 sum += prior.stiffness * w.length_squared()
-                    + prior.stiff_axis.dot(w).powi(2)
+                    + prior.stiff_axes.iter().map(|a| a.dot(w).powi(2)).sum::<f64>()
                     + prior.limit_stiffness * beyond * beyond;
             }
             if context.kinematics.slides[j] {
-                sum += prior.slide_stiffness * (at.pose.displacements[j] - prior.displacement).length_squared();
+                let d = at.pose.displacements[j] - prior.displacement;
+                sum += prior.slide_stiffness * d.length_squared() + prior.slide_axis.dot(d).powi(2);
             }
         }
         sum
@@ -83,9 +87,9 @@ impl Term for JointPriors {
                 for k in 0..3 {
                     normal.add_row(&[(o + k, 1.0)], w[k], prior.stiffness);
                 }
-                if prior.stiff_axis != DVec3::ZERO {
-                    let g = so3::right_jacobian_inverse(w).transpose() * prior.stiff_axis;
-                    normal.add_row(&[(o, g.x), (o + 1, g.y), (o + 2, g.z)], prior.stiff_axis.dot(w), 1.0);
+                for axis in prior.stiff_axes.into_iter().filter(|a| *a != DVec3::ZERO) {
+                    let g = so3::right_jacobian_inverse(w).transpose() * axis;
+                    normal.add_row(&[(o, g.x), (o + 1, g.y), (o + 2, g.z)], axis.dot(w), 1.0);
                 }
                 let from_rest = so3::log(&r);
                 let angle = from_rest.length();
@@ -100,6 +104,8 @@ impl Term for JointPriors {
                 for k in 0..3 {
                     normal.add_row(&[(o + k, 1.0)], d[k], prior.slide_stiffness);
                 }
+                let a = prior.slide_axis;
+                normal.add_row(&[(o, a.x), (o + 1, a.y), (o + 2, a.z)], a.dot(d), 1.0);
             }
         }
     }
