@@ -3,6 +3,7 @@
 //! File paths, printing and where cues come from are deliberately absent.
 #![deny(missing_docs)]
 
+pub mod camera;
 mod error;
 pub mod normal;
 pub mod robust;
