@@ -1,22 +1,12 @@
-//! Cues of a video as files: `cues.npz` for programs, `overlay.mp4` to look at.
+//! Cues of a video as files: `masks.npz` and `tracks.npz` for programs, `overlay.mp4` to look at.
 
 use crate::Error;
 use crate::event::{Event, Progress, tell};
-use animimic_render::overlay;
-use animimic_scene::io::npz::{self, Archive, Array, Values};
-use animimic_scene::{Image, Mask, Tracks, Video};
+use animimic_scene::{Cues, Image, Mask, Video};
 use animimic_video::cues;
-use glam::DVec2;
 use std::path::Path;
 
-/// Frames of tail behind each point of the overlay.
-const TAIL: usize = 6;
-const OUTLINE: [u8; 3] = [255, 60, 90];
-
-/// Finds masks and tracks of a video and writes `cues.npz` and `overlay.mp4`; returns statistics.
-///
-/// `cues.npz` holds `masks` (frames × height × packed columns), `tracks` (frames × points × 2, pixels of the working size),
-/// `visibility` and `confidence` (frames × points), `queries` (points × 3: frame, x, y), `width`, `height`, `fps`.
+/// Finds masks and tracks of a video and writes `masks.npz`, `tracks.npz` and `overlay.mp4`; returns statistics.
 ///
 /// # Errors
 /// Unreadable video, unwritable folder, or a stop.
@@ -38,84 +28,50 @@ pub fn write(
     let tracks = cues::tracks(&video, &masks.masks, &cues::TrackOptions::default());
     tell(progress, Event::Stage { name: "writing" })?;
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-    npz::write(folder.join("cues.npz"), &archive(&video, &masks.masks, &tracks))?;
-    let mut frames = (0..video.frames.len()).map(|t| overlay(&video, &masks.masks, &tracks, t));
-    animimic_video::write_mp4(&folder.join("overlay.mp4"), &mut frames, video.fps)?;
+    cues::write_masks(&folder.join("masks.npz"), &masks.masks)?;
+    cues::write_tracks(&folder.join("tracks.npz"), &tracks)?;
     let seen = tracks.confidence.iter().flatten().filter(|c| **c > 0.0).count();
     let confidence = masks.confidence.iter().copied().fold(1.0, f32::min);
-    Ok(serde_json::json!({
+    let statistics = serde_json::json!({
         "frames": video.frames.len(), "fps": video.fps,
         "points": tracks.query_frame.len(), "points_per_frame": seen as f64 / video.frames.len() as f64,
         "mask_confidence_min": confidence,
-    }))
-}
-
-/// The video frame with the mask's outline and coloured tails of the points.
-fn overlay(video: &Video, masks: &[Mask], tracks: &Tracks, t: usize) -> Image {
-    let mut image = video.frames[t].clone();
-    if let Some(mask) = masks.get(t) {
-        overlay::contour(&mut image, mask, OUTLINE);
-    }
-    let place = |t: usize, i: usize| DVec2::new(f64::from(tracks.pixels[t][i][0]), f64::from(tracks.pixels[t][i][1]));
-    for i in 0..tracks.query_frame.len() {
-        let color = hue(i as f64 * 0.618_033_988_75);
-        for s in t.saturating_sub(TAIL)..t {
-            if tracks.confidence[s][i] > 0.0 && tracks.confidence[s + 1][i] > 0.0 {
-                overlay::line(&mut image, place(s, i), place(s + 1, i), 1.0, color, 0.8);
-            }
-        }
-        if tracks.confidence[t][i] > 0.0 {
-            overlay::disc(&mut image, place(t, i), 1.5, color, 0.5 + 0.5 * f64::from(tracks.confidence[t][i]));
-        }
-    }
-    image
-}
-
-/// A saturated colour by its place on the colour circle, whole turns from red.
-fn hue(turns: f64) -> [u8; 3] {
-    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|shift| {
-        let d = ((turns - shift).rem_euclid(1.0) - 0.5).abs();
-        ((d * 6.0 - 1.0).clamp(0.0, 1.0) * 255.0) as u8
-    })
-}
-
-/// Masks as frames × height × packed columns, highest bit first (`numpy.packbits` along x).
-pub(crate) fn pack_bits(masks: &[Mask]) -> Array {
-    let (width, height) = masks.first().map_or((0, 0), |m| (m.width, m.height));
-    let bytes = width.div_ceil(8);
-    let mut packed = vec![0u8; masks.len() * height * bytes];
-    for (t, mask) in masks.iter().enumerate() {
-        for y in 0..height {
-            for x in (0..width).filter(|&x| mask.inside(x, y)) {
-                packed[(t * height + y) * bytes + x / 8] |= 128 >> (x % 8);
-            }
-        }
-    }
-    Array { shape: vec![masks.len(), height, bytes], values: Values::U8(packed) }
-}
-
-fn archive(video: &Video, masks: &[Mask], tracks: &Tracks) -> Archive {
-    let (frames, points) = (tracks.pixels.len(), tracks.query_frame.len());
-    let (width, height) = (video.frames[0].width, video.frames[0].height);
-    let queries = (0..points).flat_map(|i| {
-        let t = tracks.query_frame[i];
-        let [x, y] = tracks.pixels[t as usize][i];
-        [t as f32, x, y]
     });
-    let flat: Vec<f32> = tracks.confidence.iter().flatten().copied().collect();
-    let array = |name: &str, shape: &[usize], values| (name.to_owned(), Array { shape: shape.to_vec(), values });
-    let number = |name: &str, n: usize| array(name, &[], Values::I64(vec![n as i64]));
-    let arrays = vec![
-        ("masks".to_owned(), pack_bits(masks)),
-        array("tracks", &[frames, points, 2], Values::F32(tracks.pixels.iter().flatten().flatten().copied().collect())),
-        array("visibility", &[frames, points], Values::Bool(flat.iter().map(|c| *c > 0.0).collect())),
-        array("confidence", &[frames, points], Values::F32(flat)),
-        array("queries", &[points, 3], Values::F32(queries.collect())),
-        number("width", width),
-        number("height", height),
-        array("fps", &[], Values::F64(vec![video.fps])),
-    ];
-    Archive { arrays }
+    let found = Cues { masks: masks.masks, tracks, ..Cues::default() };
+    let mut frames = cues::overlay(&video, &found).into_iter();
+    animimic_video::write_mp4(&folder.join("overlay.mp4"), &mut frames, video.fps)?;
+    Ok(statistics)
+}
+
+/// Masks made elsewhere, for the frames of a video: read, picked by the source's frame numbers and brought to its size.
+///
+/// # Errors
+/// Unreadable masks, or another number of frames than the video has.
+pub fn masks_for(video: &Video, path: &Path) -> Result<Vec<Mask>, Error> {
+    let masks = cues::read_masks(path)?;
+    let count = video.frames.len();
+    let last = video.source_frames.last().copied().unwrap_or(0);
+    let picked: Vec<&Mask> = if masks.len() == count {
+        masks.iter().collect()
+    } else if video.source_frames.len() == count && last < masks.len() {
+        video.source_frames.iter().map(|&k| &masks[k]).collect()
+    } else {
+        let (path, n) = (path.display(), masks.len());
+        return Err(Error::Input(format!(
+            "{path}: {n} masks for a video of {count} frames, whose last is number {last}"
+        )));
+    };
+    Ok(picked.into_iter().map(|m| at_size(m, &video.frames[0])).collect())
+}
+
+/// The mask at the size of a picture.
+fn at_size(mask: &Mask, like: &Image) -> Mask {
+    if (mask.width, mask.height) == (like.width, like.height) {
+        return mask.clone();
+    }
+    let gray = Image { width: mask.width, height: mask.height, rgb: mask.coverage.iter().map(|&c| [c; 3]).collect() };
+    let out = crate::pictures::resized(&gray, like.width, like.height);
+    Mask { width: out.width, height: out.height, coverage: out.rgb.iter().map(|p| p[0]).collect() }
 }
 
 #[cfg(test)]
@@ -123,20 +79,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_archive_has_numpys_bit_order_and_all_points() {
-        let mut mask = Mask { width: 10, height: 1, coverage: vec![0; 10] };
-        mask.coverage[0] = 255;
-        mask.coverage[9] = 200;
-        let video = Video { fps: 24.0, frames: vec![Image::filled(10, 1, [0; 3])], ..Video::default() };
-        let tracks = Tracks { pixels: vec![vec![[1.5, 0.5]]], confidence: vec![vec![0.0]], query_frame: vec![0] };
-        let a = archive(&video, &[mask], &tracks);
-        assert_eq!(a.get("masks").unwrap().values, Values::U8(vec![128, 64]));
-        assert_eq!(a.get("visibility").unwrap().values, Values::Bool(vec![false]));
-        assert_eq!(a.get("queries").unwrap().values, Values::F32(vec![0.0, 1.5, 0.5]));
-    }
-
-    #[test]
-    fn hues_go_round_the_circle() {
-        assert_eq!([hue(0.0), hue(1.0 / 3.0), hue(2.0 / 3.0)], [[255, 0, 0], [0, 255, 0], [0, 0, 255]]);
+    fn masks_are_picked_by_source_frame_and_scaled_to_the_video() {
+        let folder = std::env::temp_dir().join(format!("animimic-masks-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("m.npz");
+        let mask = |on: usize| Mask { width: 8, height: 8, coverage: vec![if on == 1 { 255 } else { 0 }; 64] };
+        cues::write_masks(&path, &[mask(0), mask(1), mask(0), mask(1)]).unwrap();
+        let frames = vec![Image::filled(4, 4, [0; 3]); 2];
+        let video = Video { fps: 12.0, frames, source_frames: vec![0, 3], ..Video::default() };
+        let got = masks_for(&video, &path).unwrap();
+        assert_eq!((got[0].area(), got[1].area(), got[1].width), (0, 16, 4));
+        let short = Video { frames: vec![Image::filled(4, 4, [0; 3]); 9], ..video };
+        assert!(masks_for(&short, &path).unwrap_err().to_string().contains("4 masks for a video of 9 frames"));
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

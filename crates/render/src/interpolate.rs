@@ -30,6 +30,21 @@ pub struct DCorners {
     pub q: [f32; 3],
 }
 
+impl DCorners {
+    /// Hands the sums to the triangle's vertices and starts again at zero.
+    #[inline(always)]
+    pub fn flush(&mut self, vertices: [usize; 3], d_screen: &mut [ScreenPoint]) {
+        for (k, &v) in vertices.iter().enumerate() {
+            if let Some(d) = d_screen.get_mut(v) {
+                d.x += f64::from(self.x[k]);
+                d.y += f64::from(self.y[k]);
+                d.q += f64::from(self.q[k]);
+            }
+        }
+        *self = Self::default();
+    }
+}
+
 impl Weights {
     /// `None` where a vertex lies behind the camera or the triangle is edge-on.
     pub fn new(p: [ScreenPoint; 3]) -> Option<Self> {
@@ -49,12 +64,12 @@ impl Weights {
             b0: [(p[0].q * l0[0]) as f32, (p[0].q * l0[1]) as f32],
             b1: [(p[1].q * l1[0]) as f32, (p[1].q * l1[1]) as f32],
             q: [p[2].q as f32, slope(0) as f32, slope(1) as f32],
-            z: p.map(|p| (1.0 / p.q) as f32),
+            z: [1.0 / p[0].q as f32, 1.0 / p[1].q as f32, 1.0 / p[2].q as f32],
         })
     }
 
     /// Weights of the first and second vertex at a screen position.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, x: f32, y: f32) -> [f32; 2] {
         let (dx, dy) = (x - self.x, y - self.y);
         let inv = 1.0 / (self.q[0] + self.q[1] * dx + self.q[2] * dy);
@@ -62,26 +77,21 @@ impl Weights {
     }
 
     /// Inverse depth Q at a screen position.
-    #[inline]
+    #[inline(always)]
     pub fn inverse_depth(&self, x: f32, y: f32) -> f32 {
         self.q[0] + self.q[1] * (x - self.x) + self.q[2] * (y - self.y)
     }
 
     /// ∂b0 and ∂b1 along x and y at a position where the weights are `b` and inverse depth is `q`: `[b0 or b1][x or y]`.
-    #[inline]
+    #[inline(always)]
     pub fn slopes(&self, b: [f32; 2], q: f32) -> [[f32; 2]; 2] {
         let inv = 1.0 / q;
         let along = |s: [f32; 2], b: f32| [(s[0] - b * self.q[1]) * inv, (s[1] - b * self.q[2]) * inv];
         [along(self.b0, b[0]), along(self.b1, b[1])]
     }
 
-    /// Slope of Q along x and y: how fast the inverse depth changes on the screen.
-    pub fn depth_slope(&self) -> [f32; 2] {
-        [self.q[1], self.q[2]]
-    }
-
     /// Affine screen weights λᵢ = bᵢ Q / qᵢ.
-    #[inline]
+    #[inline(always)]
     pub fn affine(&self, b: [f32; 3], q: f32) -> [f32; 3] {
         [0, 1, 2].map(|i| b[i] * q * self.z[i])
     }
@@ -91,7 +101,7 @@ impl Weights {
     ///
     /// With g̃ᵢ = d_bᵢ − Σ bₖ d_bₖ: ∂L/∂λᵢ = qᵢ(g̃ᵢ/Q + d_q), ∂L/∂qᵢ = λᵢ(g̃ᵢ/Q + d_q); a vertex moving by δ carries the affine
     /// weights along, δλᵢ = −λⱼ ∇λᵢ·δ.
-    #[inline]
+    #[inline(always)]
     pub fn at_vjp(&self, b: [f32; 3], q: f32, d_b: [f32; 3], d_q: f32, out: &mut DCorners) {
         let mean = b[0] * d_b[0] + b[1] * d_b[1] + b[2] * d_b[2];
         let inv = 1.0 / q;

@@ -15,6 +15,7 @@ pub mod light;
 pub mod normals;
 pub mod overlay;
 pub mod picture;
+mod plain;
 pub mod project;
 pub mod pyramid;
 pub mod raster;

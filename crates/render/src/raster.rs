@@ -127,21 +127,28 @@ pub fn rasterize_into(
     let (width, height) = (camera.width as usize, camera.height as usize);
     raster.reset(width, height);
     let stride = width.next_multiple_of(LANES);
-    let setups = setup_all(camera, positions, screen, triangles, facing, width, height);
-    let geometry = Geometry { camera, positions, screen, triangles };
-    if width == 0 || height == 0 || setups.is_empty() {
+    if width == 0 || height == 0 {
         return;
     }
-    let band = if parallel { BAND_ROWS } else { height };
-    let bins = bin(&setups, band, height);
-    let size = band * width;
+    let geometry = Geometry { camera, positions, screen, triangles, facing, cutout, width, height };
+    if !parallel {
+        let rows = Rows { first: 0, width, stride };
+        let (triangle, inv_z, bary) = (&mut raster.triangle, &mut raster.inv_z, &mut raster.bary);
+        draw_band(&geometry, &rows, triangle, inv_z, bary, |draw| setup_all(&geometry, draw));
+        return;
+    }
+    let mut setups = Vec::with_capacity(triangles.len());
+    setup_all(&geometry, &mut |s| setups.push(*s));
+    let bins = bin(&setups, BAND_ROWS, height);
+    let size = BAND_ROWS * width;
     let bands = raster.triangle.chunks_mut(size).zip(raster.inv_z.chunks_mut(size)).zip(raster.bary.chunks_mut(size));
     let work: Vec<_> = bands.zip(&bins).enumerate().collect();
-    let run = |(index, (((triangle, inv_z), bary), bin)): (usize, BandWork)| {
-        let rows = Rows { first: index * band, width, stride };
-        draw_band(&geometry, &setups, bin, &rows, cutout, triangle, inv_z, bary);
-    };
-    if parallel { work.into_par_iter().for_each(run) } else { work.into_iter().for_each(run) }
+    work.into_par_iter().for_each(|(index, (((triangle, inv_z), bary), bin)): (usize, BandWork)| {
+        let rows = Rows { first: index * BAND_ROWS, width, stride };
+        draw_band(&geometry, &rows, triangle, inv_z, bary, |draw| {
+            bin.iter().for_each(|&s| draw(&setups[s as usize]));
+        });
+    });
 }
 
 /// A band's triangle, inverse depth and weight rows, and the setups that touch it.
@@ -152,6 +159,10 @@ struct Geometry<'a> {
     positions: &'a [DVec3],
     screen: &'a [ScreenPoint],
     triangles: &'a [[u32; 3]],
+    facing: Facing<'a>,
+    cutout: Option<Cutout<'a>>,
+    width: usize,
+    height: usize,
 }
 
 struct Rows {
@@ -186,64 +197,65 @@ struct Setup {
     triangle: u32,
 }
 
-fn setup_all(
-    camera: &Camera,
-    positions: &[DVec3],
-    screen: &[ScreenPoint],
-    triangles: &[[u32; 3]],
-    facing: Facing,
-    width: usize,
-    height: usize,
-) -> Vec<Setup> {
-    let least_q = screen.iter().map(|s| s.q).filter(|&q| q > 0.0).fold(f64::INFINITY, f64::min);
+/// Hands every triangle that may cover a pixel to `emit`, in order, cut at the near plane where it must be.
+fn setup_all(g: &Geometry, emit: &mut dyn FnMut(&Setup)) {
+    let least_q = g.screen.iter().map(|s| s.q).filter(|&q| q > 0.0).fold(f64::INFINITY, f64::min);
     if !least_q.is_finite() {
-        return Vec::new();
+        return;
     }
     let largest_q = least_q / NEAR_FRACTION;
-    let mut setups = Vec::with_capacity(triangles.len());
-    for (index, corners) in triangles.iter().enumerate() {
-        if corners.iter().any(|&c| c as usize >= screen.len()) {
+    for (index, corners) in g.triangles.iter().enumerate() {
+        if corners.iter().any(|&c| c as usize >= g.screen.len()) {
             continue;
         }
-        let p = corners.map(|c| screen[c as usize]);
-        let cull = facing.cull_back.get(index).copied().unwrap_or(false);
-        let id = index as u32;
+        let p = [g.screen[corners[0] as usize], g.screen[corners[1] as usize], g.screen[corners[2] as usize]];
+        let cull = g.facing.cull_back.get(index).copied().unwrap_or(false);
         if p.iter().all(|p| p.q > 0.0 && p.q <= largest_q) {
-            setups.extend(setup(p, cull, id, width, height));
+            if let Some(s) = setup(p, cull, index as u32, g.width, g.height) {
+                emit(&s);
+            }
         } else if p.iter().any(|p| p.q > 0.0) {
-            let view = corners.map(|c| camera.to_view(positions[c as usize]));
+            let view = corners.map(|c| g.camera.to_view(g.positions[c as usize]));
             let cut = clip_near(&view, 1.0 / largest_q);
             for k in 2..cut.len() {
                 let piece = [cut[0], cut[k - 1], cut[k]].map(|v| {
-                    let pixel = camera.pixel_from_view(v);
+                    let pixel = g.camera.pixel_from_view(v);
                     ScreenPoint { x: pixel.x, y: pixel.y, q: 1.0 / v.z }
                 });
-                setups.extend(setup(piece, cull, id, width, height));
+                if let Some(s) = setup(piece, cull, index as u32, g.width, g.height) {
+                    emit(&s);
+                }
             }
         }
     }
-    setups
 }
 
+#[inline]
 fn setup(p: [ScreenPoint; 3], cull: bool, triangle: u32, width: usize, height: usize) -> Option<Setup> {
-    let x = p.map(|p| p.x as f32);
-    let y = p.map(|p| p.y as f32);
+    let x = [p[0].x as f32, p[1].x as f32, p[2].x as f32];
+    let y = [p[0].y as f32, p[1].y as f32, p[2].y as f32];
+    // Most triangles of a fine mesh lie between pixel centres: found out first.
+    let columns = pixel_range(x, width)?;
+    let rows = pixel_range(y, height)?;
     let area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0]);
     // Front faces are counter-clockwise in the world, hence negative with y downwards. NaN fails every comparison below.
     if !(area.is_finite() && area != 0.0) || (cull && area > 0.0) {
         return None;
     }
-    let columns = pixel_range(x, width)?;
-    let rows = pixel_range(y, height)?;
-    let q = p.map(|p| p.q as f32);
+    let q = [p[0].q as f32, p[1].q as f32, p[2].q as f32];
+    let inv = 1.0 / area;
     let (q1, q2) = (q[1] - q[0], q[2] - q[0]);
     Some(Setup {
-        edges: [0, 1, 2].map(|k| edge([x[k], y[k]], [x[(k + 1) % 3], y[(k + 1) % 3]], area > 0.0)),
+        edges: [
+            edge([x[0], y[0]], [x[1], y[1]], area > 0.0),
+            edge([x[1], y[1]], [x[2], y[2]], area > 0.0),
+            edge([x[2], y[2]], [x[0], y[0]], area > 0.0),
+        ],
         x0: x[0],
         y0: y[0],
         q: q[0],
-        qx: (q1 * (y[2] - y[0]) - q2 * (y[1] - y[0])) / area,
-        qy: (q2 * (x[1] - x[0]) - q1 * (x[2] - x[0])) / area,
+        qx: (q1 * (y[2] - y[0]) - q2 * (y[1] - y[0])) * inv,
+        qy: (q2 * (x[1] - x[0]) - q1 * (x[2] - x[0])) * inv,
         q_range: [q[0].min(q[1]).min(q[2]), q[0].max(q[1]).max(q[2])],
         columns,
         rows,
@@ -252,6 +264,7 @@ fn setup(p: [ScreenPoint; 3], cull: bool, triangle: u32, width: usize, height: u
 }
 
 /// Pixels whose centres lie between the least and the largest of three coordinates, within the picture.
+#[inline(always)]
 fn pixel_range(c: [f32; 3], size: usize) -> Option<[u32; 2]> {
     let lo = c[0].min(c[1]).min(c[2]);
     let hi = c[0].max(c[1]).max(c[2]);
@@ -260,6 +273,7 @@ fn pixel_range(c: [f32; 3], size: usize) -> Option<[u32; 2]> {
     (first < end).then_some([first as u32, end as u32])
 }
 
+#[inline(always)]
 fn edge(a: [f32; 2], b: [f32; 2], positive_area: bool) -> Edge {
     // Upper end first; of two at the same height the right one: then e > 0 is right of the edge, below a horizontal one,
     // which is where the top-left rule includes the edge itself.
@@ -284,15 +298,14 @@ fn bin(setups: &[Setup], band: usize, height: usize) -> Vec<Vec<u32>> {
     bins
 }
 
+/// Draws into a band of rows what `each` hands over, then resolves the weights.
 fn draw_band(
     geometry: &Geometry,
-    setups: &[Setup],
-    bin: &[u32],
     rows: &Rows,
-    cutout: Option<Cutout>,
     triangle: &mut [u32],
     inv_z: &mut [f32],
     bary: &mut [[f32; 2]],
+    each: impl FnOnce(&mut dyn FnMut(&Setup)),
 ) {
     let height = triangle.len() / rows.width;
     let padded = rows.stride != rows.width;
@@ -303,13 +316,10 @@ fn draw_band(
     };
     {
         let (ids, qs) = if padded { (&mut wide_triangle[..], &mut wide_q[..]) } else { (&mut *triangle, &mut *inv_z) };
-        for &index in bin {
-            let s = &setups[index as usize];
-            match cutout {
-                None => draw(s, rows, height, ids, qs),
-                Some(keep) => draw_cutout(geometry, s, rows, height, keep, ids, qs),
-            }
-        }
+        each(&mut |s| match geometry.cutout {
+            None => draw(s, rows, height, ids, qs),
+            Some(keep) => draw_cutout(geometry, s, rows, height, keep, ids, qs),
+        });
     }
     if padded {
         for row in 0..height {

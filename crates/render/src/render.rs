@@ -11,6 +11,7 @@ use crate::edges::edges_vjp;
 use crate::interpolate::DCorners;
 use crate::light::Light;
 use crate::normals::{Normals, posed_normals, posed_normals_vjp};
+use crate::plain::shade_plain_vjp;
 use crate::project::{DCamera, ScreenPoint, project, project_vjp};
 use crate::raster::{NONE, Raster};
 use crate::shade::{Corners, Posed, ShadeAdjoint, rasterize_screen_into, shade_into};
@@ -86,7 +87,8 @@ pub fn render_into(
 ) {
     out.screen = project(camera, positions);
     rasterize_screen_into(camera, surface, positions, &out.screen, false, &mut out.raster);
-    out.normals = posed_normals(&surface.normals, positions, &surface.triangles);
+    out.normals =
+        if surface.unlit { Normals::default() } else { posed_normals(&surface.normals, positions, &surface.triangles) };
     let posed = Posed { surface, screen: &out.screen, normals: &out.normals };
     shade_into(&posed, &out.raster, light, background, false, &mut out.rgb);
 }
@@ -131,7 +133,7 @@ pub fn render_vjp(
     edges_vjp(&posed, light, rendered, d, &mut d_screen);
 
     let mut d_positions = vec![DVec3::ZERO; positions.len()];
-    if !d.rgb.is_empty() {
+    if !d.rgb.is_empty() && !surface.unlit {
         posed_normals_vjp(&surface.normals, positions, &surface.triangles, &d_normals, &mut d_positions);
     }
     let d_camera = project_vjp(camera, positions, &d_screen, &mut d_positions);
@@ -153,6 +155,10 @@ impl Inner<'_> {
     fn run(&mut self, raster: &Raster, rgb: &[[f32; 3]], d: &Cotangents) {
         if d.rgb.is_empty() && d.depth.is_empty() {
             return;
+        }
+        if self.posed.surface.plain && d.depth.is_empty() {
+            let (surface, screen) = (self.posed.surface, self.posed.screen);
+            return shade_plain_vjp(surface, screen, raster, rgb, d.rgb, &mut self.d_screen);
         }
         let mut current = NONE;
         let mut corners = None;
@@ -184,13 +190,10 @@ impl Inner<'_> {
 
     fn flush(&mut self, id: u32, corners: &Option<Corners>, sums: &mut DCorners) {
         let Some(c) = corners else { return };
-        for (k, &v) in c.vertices.iter().enumerate() {
-            let d = &mut self.d_screen[v];
-            d.x += f64::from(sums.x[k]);
-            d.y += f64::from(sums.y[k]);
-            d.q += f64::from(sums.q[k]);
+        sums.flush(c.vertices, &mut self.d_screen);
+        if c.look.unlit {
+            return;
         }
-        *sums = DCorners::default();
         let normal = std::mem::take(&mut self.shade.normal);
         match self.posed.normals {
             Normals::Smooth(_) => c.vertices.iter().zip(normal).for_each(|(&v, n)| self.d_normals[v] += n * c.side),

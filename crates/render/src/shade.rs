@@ -7,6 +7,7 @@
 use crate::interpolate::Weights;
 use crate::light::{Light, irradiance, irradiance_vjp};
 use crate::normals::{Normals, posed_normals};
+use crate::plain::shade_plain;
 use crate::project::{ScreenPoint, project};
 use crate::raster::{Facing, NONE, Raster, rasterize_into};
 use crate::srgb::{Encoder, encode_slope};
@@ -85,6 +86,9 @@ pub(crate) fn shade_into(
     rgb.resize(raster.triangle.len(), background);
     let encoder = Encoder::new();
     let row = |(y, out): (usize, &mut [[f32; 3]])| {
+        if posed.surface.plain {
+            return shade_plain(posed.surface, raster, y * raster.width, out);
+        }
         posed.each_fragment(raster, y, |x, fragment| {
             out[x] = encoder.encode_rgb(Lit::new(light, &fragment).linear);
         });
@@ -129,8 +133,9 @@ impl<'a> Posed<'a> {
     /// What a triangle's fragments have in common. Weights are made where the texture needs them or `with_weights` says so.
     pub fn corners(&self, id: u32, with_weights: bool) -> Corners<'a> {
         let s = self.surface;
-        let vertices = s.triangles[id as usize].map(|v| v as usize);
-        let p = vertices.map(|v| self.screen[v]);
+        let [v0, v1, v2] = s.triangles[id as usize];
+        let vertices = [v0 as usize, v1 as usize, v2 as usize];
+        let p = [self.screen[vertices[0]], self.screen[vertices[1]], self.screen[vertices[2]]];
         let back = (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[2].x - p[0].x) * (p[1].y - p[0].y) > 0.0;
         let side = if back { -1.0 } else { 1.0 };
         let look = s.look(id);
@@ -191,7 +196,7 @@ impl Fragment<'_> {
 
 impl<'a> Corners<'a> {
     /// The fragment with weights `b` and inverse depth `q`.
-    #[inline]
+    #[inline(always)]
     pub fn fragment(&self, b: [f32; 3], q: f32) -> Fragment<'a> {
         let look = self.look;
         let color = mix(b, self.color);
@@ -225,7 +230,7 @@ impl<'a> Corners<'a> {
 
     /// Adjoint of [`Corners::fragment`] followed by [`Lit::new`] and the encoding to `encoded`: `d_rgb` = ∂L/∂(encoded colour) → ∂L/∂b, with ∂L/∂(corner
     /// normals, viewer's side), ∂L/∂light and ∂L/∂texels added to `out`. The level of detail is held fixed.
-    #[inline]
+    #[inline(always)]
     pub fn fragment_vjp(
         &self,
         b: [f32; 3],
@@ -281,7 +286,7 @@ pub(crate) struct Lit {
 
 impl Lit {
     /// Lights a fragment.
-    #[inline]
+    #[inline(always)]
     pub fn new(light: &Light, f: &Fragment) -> Self {
         let received = if f.look.unlit { [1.0; 3] } else { irradiance(light, f.normal).map(|e| e.max(0.0) as f32) };
         let albedo = f.albedo();

@@ -27,6 +27,10 @@ pub struct Surface {
     pub cull_back: Vec<bool>,
     /// Joined vertices and open borders.
     pub topology: Topology,
+    /// Whether colours are nothing but vertex colours: no light, no texture.
+    pub plain: bool,
+    /// Whether no triangle needs light, hence no normals.
+    pub unlit: bool,
     /// Whether any look has alpha cutouts.
     pub has_cutouts: bool,
 }
@@ -70,6 +74,8 @@ impl Surface {
         Ok(Self {
             vertex_count: n,
             triangles: mesh.triangles.clone(),
+            plain: look_of_triangle.iter().all(|&l| looks[l as usize].unlit && looks[l as usize].texture.is_none()),
+            unlit: look_of_triangle.iter().all(|&l| all[l as usize].unlit),
             look_of_triangle,
             has_cutouts: looks.iter().any(|l| l.cutoff.is_some()),
             looks,

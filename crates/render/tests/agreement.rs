@@ -19,7 +19,7 @@ fn cases(folder: &str) -> Vec<PathBuf> {
 }
 
 fn png(path: &Path) -> (Image, Vec<u8>) {
-    let picture = image::open(path).unwrap();
+    let picture = image::open(path).expect("the shared data are complete");
     let alpha =
         if picture.color().has_alpha() { picture.to_rgba8().pixels().map(|p| p.0[3]).collect() } else { Vec::new() };
     let rgb = picture.to_rgb8();
@@ -30,20 +30,20 @@ fn png(path: &Path) -> (Image, Vec<u8>) {
 
 /// Masks of one view, first frame.
 fn first_mask(path: &Path, view: &str) -> Mask {
-    let archive = npz::read(path).unwrap();
-    let bits = archive.need(view).unwrap();
+    let archive = npz::read(path).expect("the shared data are complete");
+    let bits = archive.need(view).expect("the shared data are complete");
     let (h, bytes) = (bits.shape[1], bits.shape[2]);
-    let values = bits.to_u8().unwrap();
+    let values = bits.to_u8().expect("the shared data are complete");
     let coverage = (0..h * bytes * 8).map(|p| if values[p / 8] >> (7 - p % 8) & 1 == 1 { 255 } else { 0 }).collect();
     Mask { width: bytes * 8, height: h, coverage }
 }
 
 /// Depth of the first frame at every second pixel; 0 is background.
 fn first_depth(path: &Path) -> Vec<f64> {
-    let archive = npz::read(path).unwrap();
-    let scalar = |name: &str| archive.need(name).unwrap().to_f64()[0];
+    let archive = npz::read(path).expect("the shared data are complete");
+    let scalar = |name: &str| archive.need(name).expect("the shared data are complete").to_f64()[0];
     let (near, far, levels) = (scalar("z_near"), scalar("z_far"), scalar("levels"));
-    let delta = archive.need("delta").unwrap();
+    let delta = archive.need("delta").expect("the shared data are complete");
     let width = delta.shape[2];
     let values = delta.to_f64();
     let mut depth = Vec::new();
@@ -65,7 +65,7 @@ fn psnr(a: &Image, b: &Image, mask: &Mask) -> f64 {
         .collect();
     let range = |k: fn(&(usize, usize)) -> usize| {
         let v = inside.iter().map(k);
-        v.clone().min().unwrap()..=v.max().unwrap()
+        v.clone().min().expect("the shared data are complete")..=v.max().expect("the shared data are complete")
     };
     let (mut sum, mut n) = (0.0, 0.0);
     for y in range(|p| p.1) {
@@ -83,7 +83,8 @@ fn save(name: &str, image: &Image) {
     if let Ok(folder) = std::env::var("ANIMIMIC_TEST_PICTURES") {
         let bytes: Vec<u8> = image.rgb.iter().flatten().copied().collect();
         let (w, h) = (image.width as u32, image.height as u32);
-        image::save_buffer(Path::new(&folder).join(name), &bytes, w, h, image::ColorType::Rgb8).unwrap();
+        image::save_buffer(Path::new(&folder).join(name), &bytes, w, h, image::ColorType::Rgb8)
+            .expect("the shared data are complete");
     }
 }
 
@@ -91,15 +92,16 @@ fn save(name: &str, image: &Image) {
 fn colour_silhouette_and_depth_agree_with_three_js() {
     let mut failures = Vec::new();
     for case in cases("gt") {
-        let name = case.file_name().unwrap().to_string_lossy().into_owned();
-        let asset = io::read(case.join("static.glb")).unwrap();
-        let camera = camera_json::read(case.join("camera.json")).unwrap().main;
+        let name = case.file_name().expect("the shared data are complete").to_string_lossy().into_owned();
+        let asset = io::read(case.join("static.glb")).expect("the shared data are complete");
+        let camera = camera_json::read(case.join("camera.json")).expect("the shared data are complete").main;
         let (reference, _) = png(&case.join("frame0.png"));
         let mask = first_mask(&case.join("masks.npz"), "main");
-        let surface = Surface::new(&asset.mesh, &asset.looks).unwrap();
+        let surface = Surface::new(&asset.mesh, &asset.looks).expect("the shared data are complete");
         let positions = &asset.mesh.positions;
         let raster = rasterize_surface(&camera, &surface, positions, true);
-        let light = solve_light(&camera, &surface, positions, &raster, &reference, Some(&mask)).unwrap();
+        let light = solve_light(&camera, &surface, positions, &raster, &reference, Some(&mask))
+            .expect("the shared data are complete");
         let (image, coverage) = render_image(&camera, &surface, positions, &light, Background::Color([217; 3]), 4);
         save(&format!("{name}.png"), &image);
         let iou = coverage.iou(&mask);
@@ -123,7 +125,7 @@ fn median_depth_error(truth: &[f64], raster: &animimic_render::Raster, mask: &Ma
             let deep = (y - 3..=y + 3).all(|y| (x - 3..=x + 3).all(|x| inside(x, y)));
             let z = truth[y / 2 * (w / 2) + x / 2];
             if deep && z > 0.0 {
-                errors.push((raster.depth(y * w + x).unwrap() - z).abs());
+                errors.push((raster.depth(y * w + x).expect("the shared data are complete") - z).abs());
             }
         }
     }
@@ -135,11 +137,11 @@ fn median_depth_error(truth: &[f64], raster: &animimic_render::Raster, mask: &Ma
 fn silhouettes_of_the_preset_camera_agree_with_puppeteers_first_frames() {
     let mut failures = Vec::new();
     for case in cases("real") {
-        let asset = io::read(case.join("objs/mesh.obj")).unwrap();
+        let asset = io::read(case.join("objs/mesh.obj")).expect("the shared data are complete");
         let (lo, hi) = asset.mesh.bounds();
         let scale = 1.0 / (hi - lo).max_element();
         let positions: Vec<DVec3> = asset.mesh.positions.iter().map(|&p| (p - 0.5 * (lo + hi)) * scale).collect();
-        let surface = Surface::new(&asset.mesh, &asset.looks).unwrap();
+        let surface = Surface::new(&asset.mesh, &asset.looks).expect("the shared data are complete");
         for (view, azimuth) in [("front", 0.0), ("right", 90.0), ("back", 180.0), ("left", 270.0)] {
             let path = case.join("first_frames").join(format!("render_{view}.png"));
             if !path.exists() {
@@ -156,7 +158,8 @@ fn silhouettes_of_the_preset_camera_agree_with_puppeteers_first_frames() {
             let mask = Mask { width: reference.width, height: reference.height, coverage };
             let rgb = shade(&camera, &surface, &positions, &raster, &Light::default(), [1.0; 3], true);
             let bytes = rgb.iter().map(|p| p.map(|c| (255.0 * c) as u8)).collect();
-            let name = format!("{}_{view}.png", case.file_name().unwrap().to_string_lossy());
+            let name =
+                format!("{}_{view}.png", case.file_name().expect("the shared data are complete").to_string_lossy());
             save(&name, &Image { width: mask.width, height: mask.height, rgb: bytes });
             let iou = raster.mask().iou(&mask);
             println!("{name}: IoU {iou:.4}");

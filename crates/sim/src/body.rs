@@ -90,8 +90,10 @@ pub struct Body {
     /// Free vertices in elimination order: the order of every solver vector.
     pub free: Vec<u32>,
     pub(crate) chunks: Vec<Chunk>,
-    pub(crate) pattern: BlockPattern,
-    pub(crate) symbolic: Symbolic,
+    /// Blocks of the Hessian on the free vertices, lower triangle, in elimination order.
+    pub pattern: BlockPattern,
+    /// Symbolic analysis of the pattern.
+    pub symbolic: Symbolic,
     pub(crate) vertex_slots: Gather,
     pub(crate) block_slots: Gather,
 }

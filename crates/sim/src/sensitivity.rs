@@ -78,6 +78,8 @@ pub struct GaussNewtonStep {
     pub loss: f64,
     /// ln E per cluster after it.
     pub ln_youngs: Vec<f64>,
+    /// Frames it looked at.
+    pub frames: usize,
     /// Simulations it took.
     pub simulations: usize,
 }
@@ -87,8 +89,19 @@ const LARGEST_CHANGE: f64 = 2.5;
 /// Dampings tried before an iteration gives up.
 const MAX_DAMPINGS: usize = 8;
 
+/// Frames of the first horizon: long enough to move, short enough that a modulus 100 times off still bends the same way.
+const FIRST_HORIZON: usize = 3;
+/// Common changes of every ln E tried on the first horizon before the first iteration: where all moduli are off the same
+/// way, the clusters hide one another from Gauss–Newton, and a scan of the overall stiffness is cheap.
+const COMMON_FACTORS: [f64; 6] = [-6.0, -4.0, -2.0, 2.0, 4.0, 6.0];
+/// An iteration that changes ln E by less than this has settled its horizon.
+const SETTLED: f64 = 0.5;
+
 /// Fits ln E of every cluster to target positions (\[frame\]\[vertex\], m) by Levenberg–Marquardt on the forward sensitivities,
 /// until ln E changes by less than `tolerance` or `iterations` are done. Returns the fitted material and the history.
+///
+/// The overall stiffness is scanned first. Then the horizon grows: the first frames are fitted first and doubled whenever they have settled, because the late frames of
+/// a motion with moduli far off are no guide at all.
 pub fn gauss_newton(
     body: &Body,
     elasticity: &Elasticity,
@@ -100,18 +113,29 @@ pub fn gauss_newton(
     tolerance: f64,
 ) -> Result<(Elasticity, Vec<GaussNewtonStep>), SimError> {
     check_len("target frames", targets.len(), path.len())?;
-    let mut now = elasticity.clone();
-    let mut motion = simulate(body, &now, settings, start, path)?;
-    let residuals = |motion: &Simulation| -> Vec<Vec<f64>> {
+    let run = |material: &Elasticity, horizon: usize| -> Result<(Simulation, Vec<Vec<f64>>, f64), SimError> {
+        let motion = simulate(body, material, settings, start, &path[..horizon])?;
         let pairs = motion.frames().zip(targets);
-        pairs
-            .map(|(x, t)| body.free.iter().flat_map(|&v| (x[v as usize] - t[v as usize]).to_array()).collect())
-            .collect()
+        let miss = |(x, t): (&Vec<DVec3>, &Vec<DVec3>)| {
+            body.free.iter().flat_map(|&v| (x[v as usize] - t[v as usize]).to_array()).collect::<Vec<f64>>()
+        };
+        let residual: Vec<Vec<f64>> = pairs.map(miss).collect();
+        let loss = 0.5 * residual.iter().flatten().map(|v| v * v).sum::<f64>();
+        Ok((motion, residual, loss))
     };
-    let loss_of = |r: &[Vec<f64>]| 0.5 * r.iter().flatten().map(|v| v * v).sum::<f64>();
-    let mut residual = residuals(&motion);
-    let mut loss = loss_of(&residual);
-    let (mut damping, mut history) = (1e-4, vec![]);
+    let mut horizon = FIRST_HORIZON.min(path.len());
+    let mut now = elasticity.clone();
+    let (mut motion, mut residual, mut loss) = run(&now, horizon)?;
+    for exponent in COMMON_FACTORS {
+        let mut trial = elasticity.clone();
+        trial.ln_youngs.iter_mut().for_each(|l| *l += exponent);
+        let moved = run(&trial, horizon)?;
+        if moved.2 < loss {
+            now = trial;
+            (motion, residual, loss) = moved;
+        }
+    }
+    let (mut damping, mut history) = (FIRST_DAMPING, vec![]);
     for _ in 0..iterations {
         let jacobian = sensitivities(body, &now, settings, &motion)?;
         let (normal, gradient) = normal_equations(&jacobian, &residual, now.ln_youngs.len());
@@ -119,27 +143,35 @@ pub fn gauss_newton(
         let (mut simulations, mut change) = (0, 0.0f64);
         for _ in 0..MAX_DAMPINGS {
             let delta = solve_damped(&normal, &gradient, damping);
+            let largest = delta.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+            let shrink = (LARGEST_CHANGE / largest).min(1.0);
             let mut trial = now.clone();
-            trial.ln_youngs.iter_mut().zip(&delta).for_each(|(l, d)| *l -= d.clamp(-LARGEST_CHANGE, LARGEST_CHANGE));
-            let moved = simulate(body, &trial, settings, start, path)?;
+            trial.ln_youngs.iter_mut().zip(&delta).for_each(|(l, d)| *l -= shrink * d);
+            let moved = run(&trial, horizon)?;
             simulations += 1;
-            let r = residuals(&moved);
-            let value = loss_of(&r);
-            if value < loss {
-                change = delta.iter().fold(0.0, |m, d| m.max(d.abs()));
-                (now, motion, residual, loss) = (trial, moved, r, value);
+            if moved.2 < loss {
+                change = shrink * largest;
+                now = trial;
+                (motion, residual, loss) = moved;
                 damping = (damping / 10.0).max(1e-12);
                 break;
             }
             damping *= 10.0;
         }
-        history.push(GaussNewtonStep { loss: before, ln_youngs: now.ln_youngs.clone(), simulations });
-        if change < tolerance {
+        history.push(GaussNewtonStep { loss: before, ln_youngs: now.ln_youngs.clone(), frames: horizon, simulations });
+        if horizon < path.len() && change < SETTLED {
+            horizon = (2 * horizon).min(path.len());
+            (motion, residual, loss) = run(&now, horizon)?;
+            damping = FIRST_DAMPING;
+        } else if change < tolerance {
             break;
         }
     }
     Ok((now, history))
 }
+
+/// First damping, relative to the largest curvature of any cluster.
+const FIRST_DAMPING: f64 = 1e-6;
 
 /// JᵀJ and Jᵀr over all frames.
 fn normal_equations(jacobian: &Sensitivities, residual: &[Vec<f64>], clusters: usize) -> (Vec<Vec<f64>>, Vec<f64>) {
@@ -161,14 +193,16 @@ fn normal_equations(jacobian: &Sensitivities, residual: &[Vec<f64>], clusters: u
     (normal, gradient)
 }
 
-/// (N + damping diag N) δ = g by dense Cholesky; rows of clusters that move nothing give δ = 0.
+/// (N + damping max(diag N) I) δ = g by dense Cholesky. The damping is the same for every cluster (Levenberg's, not
+/// Marquardt's): a cluster that moves nothing yet stays where it is instead of running away.
 fn solve_damped(normal: &[Vec<f64>], gradient: &[f64], damping: f64) -> Vec<f64> {
     let n = gradient.len();
-    let floor = normal.iter().enumerate().map(|(i, r)| r[i]).fold(0.0, f64::max) * 1e-14 + f64::MIN_POSITIVE;
+    let largest = normal.iter().enumerate().map(|(i, r)| r[i]).fold(0.0, f64::max);
+    let floor = largest * 1e-16 + f64::MIN_POSITIVE;
     let mut l = normal.to_vec();
     let mut x = gradient.to_vec();
     for i in 0..n {
-        l[i][i] += damping * normal[i][i] + floor;
+        l[i][i] += damping * largest + floor;
         for j in 0..=i {
             let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
             l[i][j] = if i == j { (l[i][i] - sum).max(floor).sqrt() } else { (l[i][j] - sum) / l[j][j] };

@@ -56,7 +56,8 @@ impl Stepper<'_> {
         let objective = self.objective(start);
         let mut report = StepReport::default();
         let mut y = self.predict(&objective, driven, &mut report);
-        self.minimise(&objective, &mut y, &mut report);
+        let first = self.first_guess(&objective, driven, &mut y);
+        self.minimise(&objective, &mut y, first, &mut report);
         report.inverted = self.count_inverted(&y);
         let h = self.settings.step_time();
         let velocities = y.iter().zip(&start.positions).map(|(y, x)| (*y - *x) / h).collect();
@@ -65,14 +66,42 @@ impl Stepper<'_> {
 
     /// First guess: driven vertices in place, free ones by the chosen predictor.
     fn predict(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
-        let start = &objective.start.positions;
         let mut y = match self.settings.predictor {
             Predictor::Inertial => objective.target.clone(),
-            Predictor::Rest => start.clone(),
+            Predictor::Rest => objective.start.positions.clone(),
             Predictor::Linear => self.predict_linear(objective, driven, report),
         };
-        self.body.driven.iter().zip(driven).for_each(|(&v, d)| y[v as usize] = *d);
+        self.place_driven(&mut y, driven);
         y
+    }
+
+    fn place_driven(&self, y: &mut [DVec3], driven: &[DVec3]) {
+        self.body.driven.iter().zip(driven).for_each(|(&v, d)| y[v as usize] = *d);
+    }
+
+    /// Assembles at the prediction, or at the inertial one where the linear model was a worse guide (collapsed tets).
+    fn first_guess(&mut self, objective: &Objective, driven: &[DVec3], y: &mut Vec<DVec3>) -> Assembled {
+        let eigenvalues = self.eigenvalues();
+        let predicted = self.assemble(objective, y, eigenvalues);
+        if self.settings.predictor != Predictor::Linear {
+            return predicted;
+        }
+        let mut inertial = objective.target.clone();
+        self.place_driven(&mut inertial, driven);
+        // Not `>=`: a prediction that is not a number is worse than any.
+        if predicted.value <= self.value(objective, &inertial) {
+            return predicted;
+        }
+        *y = inertial;
+        self.assemble(objective, y, eigenvalues)
+    }
+
+    fn eigenvalues(&self) -> Eigenvalues {
+        match self.settings.filter {
+            Filter::None | Filter::OnDemand => Eigenvalues::True,
+            Filter::Clamp => Eigenvalues::Clamped,
+            Filter::Absolute => Eigenvalues::Absolute,
+        }
     }
 
     /// xⁿ + u, u the driven displacement on driven vertices and the linear response to it and to inertia elsewhere.
@@ -106,14 +135,10 @@ impl Stepper<'_> {
         y
     }
 
-    fn minimise(&mut self, objective: &Objective, y: &mut Vec<DVec3>, report: &mut StepReport) {
-        let eigenvalues = match self.settings.filter {
-            Filter::None | Filter::OnDemand => Eigenvalues::True,
-            Filter::Clamp => Eigenvalues::Clamped,
-            Filter::Absolute => Eigenvalues::Absolute,
-        };
+    fn minimise(&mut self, objective: &Objective, y: &mut Vec<DVec3>, first: Assembled, report: &mut StepReport) {
+        let eigenvalues = self.eigenvalues();
         let h = self.settings.step_time();
-        let mut now = self.assemble(objective, y, eigenvalues);
+        let mut now = first;
         let mut speed = f64::INFINITY;
         while report.newton < self.settings.max_newton {
             let Some((dx, modified)) = self.direction(objective, y, &now.gradient, speed, report) else { return };

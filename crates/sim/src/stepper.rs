@@ -196,7 +196,7 @@ impl<'a> Stepper<'a> {
     }
 
     /// Tets with det F ≤ 0.
-    pub fn count_inverted(&self, y: &[DVec3]) -> usize {
+    pub(crate) fn count_inverted(&self, y: &[DVec3]) -> usize {
         self.body.tets.iter().filter(|t| signed_volume(y, t) <= 0.0).count()
     }
 }

@@ -3,6 +3,7 @@
 use crate::color::{ColorSpace, yuv_from_rgb};
 use crate::error::{Result, VideoError};
 use crate::h264::{annex_b_nals, with_bt709_vui};
+use animimic_scene::io::{SceneError, write_atomically};
 use animimic_scene::{Image, Mask};
 use muxide::api::{MuxerBuilder, VideoCodec};
 use rusty_h264::{Encoder, EncoderConfig, NalUnit, NalUnitType, Preset, Profile};
@@ -130,14 +131,10 @@ pub(crate) fn encode_png(
 
 /// Writes beside the target, then renames: a reader never sees half a file.
 pub fn write_whole(path: &Path, data: &[u8]) -> Result<()> {
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    let mut beside = tempfile::Builder::new().prefix(".writing-").tempfile_in(folder).map_err(VideoError::io(path))?;
-    beside.write_all(data).and_then(|()| beside.as_file().sync_all()).map_err(VideoError::io(path))?;
-    beside.persist(path).map_err(|e| VideoError::Io { path: path.into(), error: e.error })?;
-    Ok(())
+    write_atomically(path, |w| w.write_all(data)).map_err(|e| match e {
+        SceneError::Io { source, .. } => VideoError::Io { path: path.into(), error: source },
+        other => VideoError::Caller(other.to_string()),
+    })
 }
 
 fn no_frames(path: &Path) -> VideoError {

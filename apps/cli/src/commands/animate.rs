@@ -24,6 +24,9 @@ pub struct Animate {
     /// Use only frames A up to, not including, B of each video
     #[arg(long, value_name = "A..B", value_parser = range)]
     frames: Option<Range<usize>>,
+    /// Masks made elsewhere (npz or folder of PNGs) instead of found ones; once per video
+    #[arg(long = "mask", value_name = "FILE|DIR")]
+    masks: Vec<PathBuf>,
     /// Height at which the video is worked on [px]; never enlarged
     #[arg(long, value_name = "PX", default_value_t = 512)]
     height: usize,
@@ -36,6 +39,7 @@ impl Animate {
             clips: self.clips.clone(),
             frames: self.frames.clone(),
             height_px: self.height,
+            masks: self.masks.clone(),
             seed: common.seed,
             ..Job::new(&self.model, self.videos.clone(), &self.out)
         };

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 pub struct Cues {
     /// The video: MP4, GIF, WebP or a folder of frames
     video: PathBuf,
-    /// Folder for cues.npz and overlay.mp4; made if absent
+    /// Folder for masks.npz, tracks.npz and overlay.mp4; made if absent
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
     /// Height at which the video is worked on [px]; never enlarged

@@ -17,7 +17,8 @@ pub use report::{ClipReport, LossCurve, Report};
 use crate::camera::{self, CameraChoice};
 use crate::event::{Event, Progress, tell};
 use crate::{Against, Error, evaluate};
-use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
+use animimic_fit::camera::find_camera;
+use animimic_scene::{Asset, Camera, CameraFile, Cues, Mask, Motion, Video, io};
 use animimic_video::cues;
 use std::path::Path;
 use std::time::Instant;
@@ -69,8 +70,8 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     }
     let names = job.clip_names();
     let mut takes = Vec::new();
-    for (path, name) in job.videos.iter().zip(names) {
-        takes.push(take(job, &asset, path, name, &mut clock, progress)?);
+    for (index, name) in names.into_iter().enumerate() {
+        takes.push(take(job, &asset, index, name, &mut clock, progress)?);
     }
     let mut clips = Vec::new();
     for take in &takes {
@@ -96,11 +97,11 @@ fn read_model(path: &Path) -> Result<Asset, Error> {
     Ok(asset)
 }
 
-/// Reads one video, finds its cues, its camera and the motion in it.
+/// Reads video number `index`, finds its cues, its camera and the motion in it.
 fn take(
     job: &Job,
     asset: &Asset,
-    path: &Path,
+    index: usize,
     name: String,
     clock: &mut Clock,
     progress: &mut Progress,
@@ -111,15 +112,14 @@ fn take(
         frames: job.frames.clone(),
         ..Default::default()
     };
-    let video = clock.time("read", || Ok(animimic_video::read(path, &read)?))?;
+    let video = clock.time("read", || Ok(animimic_video::read(&job.videos[index], &read)?))?;
     for warning in &video.warnings {
         tell(progress, Event::Warning(format!("{name}: {warning}")))?;
     }
     tell(progress, Event::Stage { name: "masks" })?;
     let mask_cue = clock.time("masks", || Ok(cues::masks(&video, &cues::MaskOptions::default())))?;
-    tell(progress, Event::Stage { name: "tracks" })?;
-    let tracks = clock.time("tracks", || Ok(cues::tracks(&video, &mask_cue.masks, &cues::TrackOptions::default())))?;
-    let found = Cues { masks: mask_cue.masks.clone(), tracks, ..Cues::default() };
+    let given = job.masks.get(index).map(|p| crate::cues::masks_for(&video, p)).transpose()?;
+    let found = Cues { masks: given.unwrap_or(mask_cue.masks), ..Cues::default() };
     tell(progress, Event::Stage { name: "camera" })?;
     let camera = clock.time("camera", || choose_camera(job, asset, &video, &found))?;
     tell(progress, Event::Stage { name: "motion" })?;
@@ -145,8 +145,23 @@ fn choose_camera(job: &Job, asset: &Asset, video: &Video, found: &Cues) -> Resul
     match &job.camera {
         CameraChoice::File(path) => Ok(CameraFile { fps: video.fps, ..camera::from_file(path, width, height)? }),
         CameraChoice::Preset(name) => Ok(file(camera::preset(name, (low, high), width, height)?)),
-        CameraChoice::Auto => Err(Error::Input("the camera is not known: give --camera FILE or preset:NAME".into())),
+        CameraChoice::Auto => Ok(file(searched_camera(asset, video, &found.masks[0])?)),
     }
+}
+
+/// The camera found from frame 0; refused where the model does not fit the object through it.
+fn searched_camera(asset: &Asset, video: &Video, mask: &Mask) -> Result<Camera, Error> {
+    /// Overlap below which the fit would start from a wrong picture of the model.
+    const LEAST_IOU: f64 = 0.8;
+    let found = find_camera(asset, &video.frames[0], mask)?;
+    if found.iou < LEAST_IOU {
+        return Err(Error::Input(format!(
+            "no camera fits: the best covers the object of frame 0 with an overlap of {:.2}; \
+             start the video with the model as it stands in its file, or give --camera FILE",
+            found.iou
+        )));
+    }
+    Ok(found.camera)
 }
 
 fn clip_report(asset: &Asset, take: &Take) -> Result<ClipReport, Error> {

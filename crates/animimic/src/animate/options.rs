@@ -22,6 +22,8 @@ pub struct Job {
     pub frames: Option<Range<usize>>,
     /// Working height of the video [px].
     pub height_px: usize,
+    /// Masks made elsewhere (npz or folder of PNGs), in the order of the videos; missing ones are found.
+    pub masks: Vec<PathBuf>,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -40,6 +42,7 @@ impl Job {
             clips: Vec::new(),
             frames: None,
             height_px: 512,
+            masks: Vec::new(),
             seed: 0,
         }
     }
@@ -51,6 +54,9 @@ impl Job {
         }
         if self.clips.len() > self.videos.len() {
             return Err(Error::Input(format!("{} clip names for {} videos", self.clips.len(), self.videos.len())));
+        }
+        if self.masks.len() > self.videos.len() {
+            return Err(Error::Input(format!("{} masks for {} videos", self.masks.len(), self.videos.len())));
         }
         if !HEIGHTS_PX.contains(&self.height_px) {
             return Err(Error::Input(format!("working height {} px: use 64 to 2160", self.height_px)));

@@ -59,8 +59,6 @@ pub struct LossCurve {
 
 /// Below this overlap of model and object in frame 0, the camera is in doubt.
 const DOUBTFUL_CAMERA_IOU: f64 = 0.9;
-/// Below this share of points still followed, a frame counts as poorly tracked.
-const POOR_TRACKING: f64 = 0.25;
 /// Below this, the mask provider doubts its background.
 const DOUBTFUL_MASK: f32 = 0.5;
 
@@ -91,16 +89,15 @@ impl Report {
 impl ClipReport {
     pub(super) fn new(take: &Take, evaluation: &Evaluation) -> Self {
         let frame = &take.video.frames[0];
-        let tracked = tracked_share(take);
         let mut uncertain = take.uncertain.clone();
-        uncertain.extend(doubts(take, evaluation, &tracked));
+        uncertain.extend(doubts(take, evaluation));
         Self {
             name: take.name.clone(),
             frames: take.video.frames.len(),
             fps: take.motion.fps,
             size_px: [frame.width, frame.height],
             native_size_px: [take.video.native_size.0, take.video.native_size.1],
-            cues: cue_statistics(take, &tracked),
+            cues: cue_statistics(take),
             losses: take.losses.clone(),
             metrics: evaluation.to_json(),
             uncertain,
@@ -108,29 +105,18 @@ impl ClipReport {
     }
 }
 
-/// Share of the points of frame 0 that are still seen, \[frame\].
-fn tracked_share(take: &Take) -> Vec<f64> {
-    let tracks = &take.cues.tracks;
-    let first: Vec<usize> = (0..tracks.query_frame.len()).filter(|&i| tracks.query_frame[i] == 0).collect();
-    let seen = |row: &Vec<f32>| first.iter().filter(|&&i| row[i] > 0.0).count() as f64 / first.len().max(1) as f64;
-    tracks.confidence.iter().map(seen).collect()
-}
-
-fn cue_statistics(take: &Take, tracked: &[f64]) -> Value {
-    let tracks = &take.cues.tracks;
-    let per_frame = |row: &Vec<f32>| row.iter().filter(|c| **c > 0.0).count() as f64;
-    let mean = |v: Vec<f64>| v.iter().sum::<f64>() / v.len().max(1) as f64;
-    let least = |v: &[f32]| v.iter().copied().fold(1.0, f32::min);
+fn cue_statistics(take: &Take) -> Value {
+    let areas: Vec<usize> = take.cues.masks.iter().map(Mask::area).collect();
+    let residual = &take.background.residual;
     serde_json::json!({
-        "points": tracks.query_frame.len(),
-        "points_per_frame": mean(tracks.confidence.iter().map(per_frame).collect()),
-        "first_points_left_at_end": tracked.last().copied().unwrap_or(0.0),
-        "mask_area_mean_px": mean(take.cues.masks.iter().map(|m| m.area() as f64).collect()),
-        "mask_confidence_min": least(&take.mask_confidence),
+        "mask_area_mean_px": areas.iter().sum::<usize>() as f64 / areas.len().max(1) as f64,
+        "mask_area_min_px": areas.iter().min(),
+        "mask_confidence_min": take.mask_confidence.iter().copied().fold(1.0, f32::min),
+        "background_residual_max": residual.iter().copied().fold(0.0, f64::max),
     })
 }
 
-fn doubts(take: &Take, evaluation: &Evaluation, tracked: &[f64]) -> Vec<String> {
+fn doubts(take: &Take, evaluation: &Evaluation) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(iou) = evaluation.get("iou_main_frame0").filter(|i| *i < DOUBTFUL_CAMERA_IOU) {
         out.push(format!("camera: the model covers frame 0 with an overlap of only {iou:.2}"));
@@ -139,11 +125,7 @@ fn doubts(take: &Take, evaluation: &Evaluation, tracked: &[f64]) -> Vec<String> 
     if weak > 0 {
         out.push(format!("masks: the background of {weak} frames is not plain, their outlines are in doubt"));
     }
-    let poor = tracked.iter().filter(|s| **s < POOR_TRACKING).count();
-    if poor > 0 {
-        out.push(format!("tracks: in {poor} frames under a quarter of the first frame's points were still followed"));
-    }
-    let empty = take.cues.masks.iter().filter(|m: &&Mask| m.area() == 0).count();
+    let empty = take.cues.masks.iter().filter(|m| m.area() == 0).count();
     if empty > 0 {
         out.push(format!("masks: no object was found in {empty} frames"));
     }

@@ -2,7 +2,6 @@
 
 use super::{Example, creature, film};
 use crate::Error;
-use crate::cues::pack_bits;
 use crate::event::{Event, Progress, tell};
 use crate::pictures::silhouette;
 use animimic_scene::io::gltf::{ExportOptions, save_clips};
@@ -76,7 +75,9 @@ fn views(example: &Example, vertices: &[Vec<DVec3>]) -> Vec<(String, Array)> {
     let all = std::iter::once(("main", file.main)).chain(file.views.iter().map(|(n, c)| (n.as_str(), *c)));
     all.map(|(name, camera): (&str, Camera)| {
         let masks: Vec<_> = vertices.iter().map(|x| silhouette(&camera, &example.asset.mesh, x)).collect();
-        (name.to_owned(), pack_bits(&masks))
+        let packed = animimic_video::cues::packed_bits(&masks);
+        let (frames, height, bytes) = (masks.len(), camera.height as usize, (camera.width as usize).div_ceil(8));
+        (name.to_owned(), Array { shape: vec![frames, height, bytes], values: Values::U8(packed) })
     })
     .collect()
 }

@@ -29,9 +29,6 @@ pub struct QuadrupedPose {
     pub offset: DVec3,
 }
 
-/// Number of pose parameters: a rotation vector per joint, then the root offset.
-pub const PARAMETERS: usize = 93;
-
 fn numbers(archive: &Archive, name: &str) -> Vec<f64> {
     archive.need(name).expect("the benchmark's file has this array").to_f64()
 }
@@ -88,15 +85,6 @@ impl Quadruped {
         }
     }
 
-    /// The pose moved by `delta`: R_j ← R_j exp δ_j, offset additive.
-    pub fn moved(&self, pose: &QuadrupedPose, delta: &[f64]) -> QuadrupedPose {
-        let turn = |(r, d): (&DQuat, &[f64])| (*r * DQuat::from_scaled_axis(DVec3::from_slice(d))).normalize();
-        QuadrupedPose {
-            rotations: pose.rotations.iter().zip(delta.chunks(3)).map(turn).collect(),
-            offset: pose.offset + DVec3::from_slice(&delta[PARAMETERS - 3..]),
-        }
-    }
-
     /// Rotation and position of every joint.
     fn joints_of(&self, pose: &QuadrupedPose) -> Vec<(DMat3, DVec3)> {
         let mut world: Vec<(DMat3, DVec3)> = Vec::new();
@@ -127,7 +115,7 @@ impl Quadruped {
         world[j].0 * (v - self.joints[j]) + world[j].1
     }
 
-    /// Adjoint of [`Quadruped::vertices`] ∘ [`Quadruped::moved`] at δ = 0.
+    /// Adjoint of [`Quadruped::vertices`] for R_j ← R_j exp δ_j at δ = 0, joint by joint, then the root offset: 93 numbers.
     pub fn pose_vjp(&self, pose: &QuadrupedPose, d_vertices: &[DVec3]) -> Vec<f64> {
         let world = self.joints_of(pose);
         // Per joint: force Σ w d and its moment Σ w (x_j − c_j) × d about the joint, both handed on to the ancestors.

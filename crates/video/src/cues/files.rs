@@ -92,26 +92,26 @@ pub fn write_masks(path: &Path, masks: &[Mask]) -> Result<()> {
         std::fs::create_dir_all(path).map_err(VideoError::io(path))?;
         return masks.iter().enumerate().try_for_each(|(t, m)| write_mask_png(&path.join(format!("{t:05}.png")), m));
     }
-    let stride = w.div_ceil(8);
-    let mut bits = vec![0u8; masks.len() * h * stride];
-    for (t, mask) in masks.iter().enumerate() {
-        if (mask.width, mask.height) != (w, h) {
-            return Err(VideoError::Caller(format!("mask {t} has another size than mask 0")));
-        }
-        for y in 0..h {
-            for x in (0..w).filter(|&x| mask.inside(x, y)) {
-                bits[(t * h + y) * stride + x / 8] |= 128 >> (x % 8);
-            }
-        }
+    if let Some(t) = masks.iter().position(|m| (m.width, m.height) != (w, h)) {
+        return Err(VideoError::Caller(format!("mask {t} has another size than mask 0")));
     }
     saved(
         path,
         vec![
-            ("masks", vec![masks.len(), h, stride], Values::U8(bits)),
+            ("masks", vec![masks.len(), h, w.div_ceil(8)], Values::U8(packed_bits(masks))),
             ("width", vec![], Values::I64(vec![w as i64])),
             ("height", vec![], Values::I64(vec![h as i64])),
         ],
     )
+}
+
+/// Inside or not, \[frame\]\[row\], eight pixels a byte, highest bit first (`numpy.packbits` along x). All masks have one size.
+pub fn packed_bits(masks: &[Mask]) -> Vec<u8> {
+    let rows = masks.iter().flat_map(|m| (0..m.height).map(move |y| (m, y)));
+    let byte = |m: &Mask, y: usize, b: usize| {
+        (8 * b..m.width.min(8 * b + 8)).filter(|&x| m.inside(x, y)).fold(0u8, |bits, x| bits | 128 >> (x % 8))
+    };
+    rows.flat_map(|(m, y)| (0..m.width.div_ceil(8)).map(move |b| byte(m, y, b))).collect()
 }
 
 /// Reads tracks: `tracks` \[T,N,2\] [px], `visibility` \[T,N\] (truth values or confidence), `queries` \[N\] or \[N,≥1\]

@@ -8,7 +8,7 @@ mod regions;
 mod tracks;
 
 pub use background::Background;
-pub use files::{read_depth, read_masks, read_tracks, write_depth, write_masks, write_tracks};
+pub use files::{packed_bits, read_depth, read_masks, read_tracks, write_depth, write_masks, write_tracks};
 pub use masks::{MaskCue, MaskOptions, masks};
 pub use overlay::overlay;
 pub use tracks::{TrackOptions, tracks};

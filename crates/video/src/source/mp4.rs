@@ -78,7 +78,7 @@ struct Movie {
 impl Movie {
     fn parse(path: &Path, data: Vec<u8>) -> Result<Self> {
         check_boxes(path, &data)?;
-        let mp4 = catch_quietly(|| re_mp4::Mp4::read_bytes(&data))
+        let mp4 = catch_quietly(|| re_mp4::Mp4::read(Bounded::new(&data), data.len() as u64))
             .map_err(|_| {
                 VideoError::invalid(path, "the MP4's sample tables contradict each other; record or convert it anew")
             })?
@@ -135,6 +135,33 @@ impl Movie {
             warnings,
             data,
         })
+    }
+}
+
+/// A file in memory that can be read from only so often: `re_mp4` loops for ever on some boxes that lead it backwards.
+struct Bounded<'a> {
+    bytes: std::io::Cursor<&'a [u8]>,
+    reads_left: usize,
+}
+
+impl<'a> Bounded<'a> {
+    fn new(data: &'a [u8]) -> Self {
+        // A sound index is read once, a few bytes at a time.
+        Self { bytes: std::io::Cursor::new(data), reads_left: 2 * data.len() + 4096 }
+    }
+}
+
+impl std::io::Read for Bounded<'_> {
+    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+        self.reads_left =
+            self.reads_left.checked_sub(1).ok_or_else(|| std::io::Error::other("its boxes run in circles"))?;
+        self.bytes.read(out)
+    }
+}
+
+impl std::io::Seek for Bounded<'_> {
+    fn seek(&mut self, to: std::io::SeekFrom) -> std::io::Result<u64> {
+        self.bytes.seek(to)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The outer shell: GLB chunks, external buffers and images, data URIs. The result is JSON plus loaded buffers.
 
+use super::accessor::MESHOPT;
 use super::json::Place;
 use crate::io::{SceneError, load};
 use base64::Engine;
@@ -118,8 +119,7 @@ fn load_buffers(loaded: &mut Loaded, mut bin: Option<Vec<u8>>, path: &Path) -> R
 /// A buffer that only reserves room for decompressed meshopt data.
 pub(crate) fn is_fallback(buffer: &Place) -> bool {
     let flag = |name: &str| buffer.path(&["extensions", name, "fallback"]).and_then(|f| f.value.as_bool());
-    buffer.get("uri").is_none()
-        && (flag("EXT_meshopt_compression") == Some(true) || flag("KHR_meshopt_compression") == Some(true))
+    buffer.get("uri").is_none() && MESHOPT.iter().any(|name| flag(name) == Some(true))
 }
 
 /// External image files become buffers of their own, so that the document is complete in itself.

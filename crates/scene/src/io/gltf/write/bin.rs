@@ -1,6 +1,7 @@
 //! The document under construction: JSON and one growing binary chunk.
 
 use crate::io::SceneError;
+use crate::io::gltf::accessor::MESHOPT;
 use serde_json::{Value, json};
 
 const FLOAT: u32 = 5126;
@@ -65,7 +66,7 @@ impl Output {
         json["buffers"] = Value::Array([vec![main], rest].concat());
         for view in array(&mut json, "bufferViews") {
             retarget(view, &target);
-            for name in ["EXT_meshopt_compression", "KHR_meshopt_compression"] {
+            for name in MESHOPT {
                 if let Some(extension) = view.get_mut("extensions").and_then(|e| e.get_mut(name)) {
                     retarget(extension, &target);
                 }

@@ -1,0 +1,199 @@
+//! The program as people run it: exit codes, one-sentence errors, JSON, equal bytes.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn animimic(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_animimic")).args(arguments).output().unwrap()
+}
+
+fn example(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/creature").join(name).display().to_string()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Fails with exit code 1 and one sentence on standard error that contains `words`; nothing on standard output.
+fn fails_with(arguments: &[&str], words: &str) {
+    let start = std::time::Instant::now();
+    let out = animimic(arguments);
+    let error = text(&out.stderr);
+    println!("{:.2} s: {error}", start.elapsed().as_secs_f64());
+    assert_eq!(out.status.code(), Some(1), "{arguments:?}: {error}");
+    assert!(error.starts_with("animimic: ") && error.trim_end().lines().count() == 1, "{error}");
+    assert!(error.contains(words), "{error}");
+    assert!(out.stdout.is_empty());
+}
+
+#[test]
+fn wrong_usage_ends_with_2_and_help_with_0() {
+    assert_eq!(animimic(&["animate"]).status.code(), Some(2));
+    assert_eq!(animimic(&["dance"]).status.code(), Some(2));
+    assert_eq!(animimic(&["list", "clouds"]).status.code(), Some(2));
+    let help = animimic(&["--help"]);
+    assert_eq!(help.status.code(), Some(0));
+    for command in ["animate", "cues", "evaluate", "render", "example", "list"] {
+        assert!(text(&help.stdout).contains(command), "{command}");
+    }
+}
+
+#[test]
+fn lists_print_json_for_machines() {
+    for kind in ["formats", "metrics", "cameras"] {
+        let out = animimic(&["list", kind, "--json"]);
+        let rows: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert!(rows.as_array().unwrap().len() >= 3, "{kind}");
+    }
+}
+
+#[test]
+fn bad_inputs_are_told_in_one_sentence_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let out = path("out");
+    let (model, video, camera) = (example("creature.glb"), example("creature.mp4"), example("camera.json"));
+    std::fs::write(path("empty.mp4"), b"").unwrap();
+    std::fs::write(path("page.mp4"), b"<!doctype html><html>not here</html>").unwrap();
+    std::fs::write(path("cut.mp4"), &std::fs::read(&video).unwrap()[..9000]).unwrap();
+    std::fs::write(path("cut.glb"), &std::fs::read(&model).unwrap()[..9000]).unwrap();
+    std::fs::write(path("lfs.glb"), b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n").unwrap();
+    std::fs::write(path("half.json"), b"{\"width\": 512").unwrap();
+    std::fs::create_dir(path("one")).unwrap();
+    std::fs::copy(example_frame(&folder.path().join("frame.png")), folder.path().join("one/0.png")).unwrap();
+    let run =
+        |m: &str, v: &str, c: &str, words: &str| fails_with(&["animate", m, v, "--camera", c, "-o", &out, "-q"], words);
+    run(&path("no.glb"), &video, &camera, "no.glb");
+    run(&path("cut.glb"), &video, &camera, "cut.glb");
+    run(&path("lfs.glb"), &video, &camera, "LFS");
+    run(&model, &path("no.mp4"), &camera, "no.mp4");
+    run(&model, &path("empty.mp4"), &camera, "empty");
+    run(&model, &path("page.mp4"), &camera, "page.mp4");
+    run(&model, &path("cut.mp4"), &camera, "cut.mp4");
+    run(&model, &path("one"), &camera, "frame");
+    run(&model, &video, &path("half.json"), "half.json");
+    run(&model, &video, "preset:nowhere", "puppeteer:front");
+    fails_with(&["evaluate", &model, &video, "--camera", &camera, "-q"], "no animation");
+    fails_with(&["render", &model, "-o", &path("x.bmp")], ".mp4 or .png");
+    assert!(!Path::new(&out).exists());
+}
+
+/// Draws one frame of the example.
+fn example_frame(to: &Path) -> PathBuf {
+    let out = animimic(&[
+        "render",
+        &example("creature.glb"),
+        "-o",
+        &to.display().to_string(),
+        "--views",
+        "input",
+        "--height",
+        "128",
+        "-q",
+    ]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    to.to_owned()
+}
+
+#[test]
+fn the_shipped_example_is_what_the_program_makes_today() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = animimic(&["example", "-o", &folder.path().display().to_string(), "-q", "--json"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let shipped = |name: &str| std::fs::read(example(name)).unwrap();
+    let made = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let mut total = 0;
+    for name in ["creature.glb", "creature.mp4", "camera.json"] {
+        total += shipped(name).len();
+        assert_eq!(
+            shipped(name),
+            made(name),
+            "{name} differs: make it again with `animimic example -o examples/creature`"
+        );
+    }
+    println!("{total} bytes");
+    assert!(total < 2_000_000);
+}
+
+/// A short run of the whole way; files with their bytes, reports without timings.
+fn results(folder: &Path, threads: &str) -> Vec<(String, Vec<u8>)> {
+    let out = folder.join(threads).display().to_string();
+    let run = animimic(&[
+        "animate",
+        &example("creature.glb"),
+        &example("creature.mp4"),
+        "--camera",
+        &example("camera.json"),
+        "-o",
+        &out,
+        "--frames",
+        "0..4",
+        "--height",
+        "160",
+        "--threads",
+        threads,
+        "--json",
+        "-q",
+    ]);
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    let report: Value = serde_json::from_slice(&run.stdout).unwrap();
+    assert_eq!(report["clips"][0]["frames"], 4);
+    let mut files: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
+    files.sort();
+    files
+        .iter()
+        .filter(|p| p.extension().unwrap() != "html")
+        .map(|p| {
+            let mut bytes = std::fs::read(p).unwrap();
+            if p.ends_with("report.json") {
+                let mut json: Value = serde_json::from_slice(&bytes).unwrap();
+                json["timings"] = Value::Null;
+                bytes = json.to_string().into_bytes();
+            }
+            (p.file_name().unwrap().to_string_lossy().into_owned(), bytes)
+        })
+        .collect()
+}
+
+#[test]
+fn one_thread_and_two_give_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let (one, two) = (results(folder.path(), "1"), results(folder.path(), "2"));
+    let names: Vec<&str> = one.iter().map(|f| f.0.as_str()).collect();
+    assert_eq!(names, ["animated.glb", "camera.json", "contact_sheet.png", "report.json", "views.mp4"]);
+    for (a, b) in one.iter().zip(&two) {
+        println!("{} {} bytes", a.0, a.1.len());
+        assert!(a == b, "{} differs", a.0);
+    }
+}
+
+#[test]
+fn a_result_measured_against_the_examples_truth_is_better_than_the_still_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    assert!(animimic(&["example", "-o", &path("example"), "--truth", "-q"]).status.success());
+    let run = animimic(&[
+        "animate",
+        &example("creature.glb"),
+        &example("creature.mp4"),
+        "--camera",
+        &example("camera.json"),
+        "-o",
+        &path("out"),
+        "--height",
+        "256",
+        "-q",
+    ]);
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    let measured =
+        animimic(&["evaluate", &path("out/animated.glb"), "--truth", &path("example/truth"), "--json", "-q"]);
+    assert!(measured.status.success(), "{}", text(&measured.stderr));
+    let json: Value = serde_json::from_slice(&measured.stdout).unwrap();
+    println!("{json:#}");
+    let number = |key: &str| json[key].as_f64().unwrap();
+    assert!(number("vertex_rms_pct") < 0.5 * number("static_rms_pct"));
+    assert!(number("mpjpe_pct") < 3.0 && number("iou_main") > 0.9);
+    assert!(number("rest_fidelity") < 1e-5);
+}

@@ -1,0 +1,25 @@
+//! The recorded gradient test of the rivals. Skips where the recordings are absent.
+
+#[path = "../examples/rivals/maskgrad.rs"]
+mod maskgrad;
+#[path = "../examples/rivals/quadruped.rs"]
+mod quadruped;
+
+use std::path::Path;
+
+fn data() -> Option<&'static Path> {
+    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/bench/diffrender/data"));
+    if !path.exists() {
+        println!("skipped: {} is not there", path.display());
+        return None;
+    }
+    Some(path)
+}
+
+#[test]
+fn the_mask_gradient_to_93_pose_parameters_is_at_least_as_good_as_edgegrads() {
+    let Some(data) = data() else { return };
+    let q = maskgrad::quality(data);
+    println!("cosine {:.5}, norm ratio {:.4}, relative error {:.4}", q.cosine, q.norm_ratio, q.relative_error);
+    assert!(q.cosine >= 0.9996 && (q.norm_ratio - 1.0).abs() <= 0.02 && q.relative_error <= 0.03);
+}

@@ -1,0 +1,287 @@
+//! Regenerates the section "Simulation" of docs/benchmarks.md:
+//! `cargo run --release -p animimic-sim --example benchmarks -- docs/benchmarks.md [RIVAL.jsonl]`
+//!
+//! RIVAL.jsonl holds the lines `run_bench.py` of the baseline printed on this machine in the same session; without it only
+//! the recorded figures are compared. CPU seconds are of the whole process; wall seconds matter for several threads.
+
+use animimic_math::gradcheck::SplitMix64;
+use animimic_math::sparse::{BlockMatrix, Factor};
+use animimic_sim::fixtures::{BEAM_DENSITY, BEAM_POISSON, Problem, driven_beam};
+use animimic_sim::{Body, Elasticity, Model, Settings, State, simulate, simulate_vjp};
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::perm::Perm;
+use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::{CholeskySymbolicParams, SymmetricOrdering, factorize_symbolic_cholesky};
+use faer::sparse::{SparseColMat, Triplet};
+use faer::{Conj, MatMut, Par, Side};
+use rayon::ThreadPool;
+use std::error::Error;
+use std::fmt::Write as _;
+
+/// Size, cells, E₀ [Pa], steps, recorded CPU seconds per step forward and backward of the faster baseline
+/// (projection on demand + PARDISO, quiet 2.1 GHz AVX-512 core, one thread).
+const PROBLEMS: [(&str, [usize; 3], f64, usize, [f64; 2]); 3] = [
+    ("1k", [20, 3, 3], 1e5, 60, [0.0255, 0.0068]),
+    ("10k", [28, 8, 8], 1e6, 30, [0.307, 0.075]),
+    ("50k", [52, 13, 13], 1e5, 8, [2.13, 0.607]),
+];
+/// Runs of each timing, of which the fastest counts: the machine may be shared.
+const REPEATS: usize = 3;
+/// CPU seconds over which the linear solve is averaged.
+const SAMPLE_SECS: f64 = 1.0;
+const BEGIN: &str = "<!-- simulation: generated -->";
+const END: &str = "<!-- /simulation -->";
+
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+fn main() -> Outcome<()> {
+    let file = std::env::args().nth(1).ok_or("usage: benchmarks FILE.md [RIVAL.jsonl]")?;
+    let rival = std::env::args().nth(2).map(std::fs::read_to_string).transpose()?.unwrap_or_default();
+    let rival: Vec<serde_json::Value> = rival.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
+    let cpu = std::fs::read_to_string("/proc/cpuinfo")?;
+    let name =
+        cpu.lines().find(|l| l.starts_with("model name")).and_then(|l| l.split(": ").nth(1)).unwrap_or("unknown");
+    let cores = std::thread::available_parallelism()?;
+    let mut text = format!("{BEGIN}\nMachine: {name}, {cores} cores, AVX2 code; the fastest of {REPEATS} runs.\n\n");
+    // The pools live as long as the program: a finished thread would take its CPU time out of the sums.
+    let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    let pools = [pool(1)?, pool(2)?];
+    steps_table(&mut text, &pools, &rival)?;
+    solver_table(&mut text, &pools)?;
+    text.push_str(END);
+    let old = std::fs::read_to_string(&file).unwrap_or_default();
+    let new = match (old.find(BEGIN), old.find(END)) {
+        (Some(a), Some(b)) => format!("{}{}{}", &old[..a], text, &old[b + END.len()..]),
+        _ => format!("{old}\n## Simulation\n\n{text}\n"),
+    };
+    std::fs::write(&file, new)?;
+    println!("{text}");
+    Ok(())
+}
+
+/// One step and its adjoint, whole simulations divided by their steps.
+fn steps_table(text: &mut String, pools: &[ThreadPool; 2], rival: &[serde_json::Value]) -> Outcome<()> {
+    writeln!(text, "CPU seconds per step, one thread, tolerance 1e-3 m/s, forward / backward, no factors kept:\n")?;
+    writeln!(
+        text,
+        "| tets | baseline, recorded | baseline, this machine | animimic | against recorded | against this machine | Newton | factorisations | 2 threads, wall |"
+    )?;
+    writeln!(text, "|---|---|---|---|---|---|---|---|---|")?;
+    for (name, cells, e0, steps, recorded) in PROBLEMS {
+        let problem = driven_beam(cells, e0, 1.0 / 30.0, steps);
+        let one = fastest(&pools[0], || time_steps(&problem))?;
+        let two = fastest(&pools[1], || time_steps(&problem))?;
+        let here = rival.iter().find(|r| r["size"] == name);
+        let number = |key: &str| here.and_then(|r| r[key].as_f64());
+        let here = number("fwd_cpu_per_step").zip(number("bwd_cpu_per_step"));
+        let ratio = |f: f64, b: f64| format!("{:.1}× / {:.1}×", f / one.cpu[0], b / one.cpu[1]);
+        writeln!(
+            text,
+            "| {name} | {:.4} / {:.4} | {} | {:.5} / {:.5} | {} | {} | {:.2} | {:.2} | {:.5} / {:.5} (one: {:.5} / {:.5}) |",
+            recorded[0],
+            recorded[1],
+            here.map_or("–".into(), |(f, b)| format!("{f:.4} / {b:.4}")),
+            one.cpu[0],
+            one.cpu[1],
+            ratio(recorded[0], recorded[1]),
+            here.map_or("–".into(), |(f, b)| ratio(f, b)),
+            one.newton,
+            one.factorizations,
+            two.wall[0],
+            two.wall[1],
+            one.wall[0],
+            one.wall[1],
+        )?;
+    }
+    Ok(())
+}
+
+struct Steps {
+    cpu: [f64; 2],
+    wall: [f64; 2],
+    newton: f64,
+    factorizations: f64,
+}
+
+fn time_steps(problem: &Problem) -> Outcome<Steps> {
+    let body = Body::new(&problem.mesh, &problem.driven)?;
+    let elasticity = Elasticity::per_tet(Model::FixedCorotated, &problem.youngs, BEAM_POISSON, BEAM_DENSITY);
+    let (settings, start) = (Settings::default(), State::at_rest(&problem.mesh.positions));
+    let steps = problem.path.len() as f64;
+    let (motion, forward) = timed(|| simulate(&body, &elasticity, &settings, &start, &problem.path))?;
+    let motion = motion?;
+    let (gradient, backward) = timed(|| simulate_vjp(&body, &elasticity, &settings, &motion, &motion.steps))?;
+    gradient?;
+    let mean = |f: fn(&animimic_sim::StepReport) -> usize| motion.reports.iter().map(f).sum::<usize>() as f64 / steps;
+    Ok(Steps {
+        cpu: [forward[0] / steps, backward[0] / steps],
+        wall: [forward[1] / steps, backward[1] / steps],
+        newton: mean(|r| r.newton),
+        factorizations: mean(|r| r.factorizations),
+    })
+}
+
+/// Smallest times of several runs in a pool.
+fn fastest(pool: &ThreadPool, run: impl Fn() -> Outcome<Steps> + Sync) -> Outcome<Steps> {
+    let mut best: Option<Steps> = None;
+    for _ in 0..REPEATS {
+        let now = pool.install(|| run().map_err(|e| e.to_string()))?;
+        best = Some(match best.take() {
+            None => now,
+            Some(b) => Steps {
+                cpu: [b.cpu[0].min(now.cpu[0]), b.cpu[1].min(now.cpu[1])],
+                wall: [b.wall[0].min(now.wall[0]), b.wall[1].min(now.wall[1])],
+                ..now
+            },
+        });
+    }
+    Ok(best.expect("at least one run"))
+}
+
+/// Factorisation and solve alone, on the bodies' patterns with random positive definite values.
+fn solver_table(text: &mut String, pools: &[ThreadPool; 2]) -> Outcome<()> {
+    writeln!(
+        text,
+        "\nThe linear solve alone, milliseconds of CPU, one thread, factor / solve; wall: fastest single factorisation:\n"
+    )?;
+    writeln!(
+        text,
+        "| unknowns | animimic | faer, same dissection | faer, AMD | animimic 1 → 2 threads, wall | Gflop/s, one thread |"
+    )?;
+    writeln!(text, "|---|---|---|---|---|---|")?;
+    for (_, cells, e0, _, _) in PROBLEMS {
+        let problem = driven_beam(cells, e0, 1.0 / 30.0, 1);
+        let body = Body::new(&problem.mesh, &problem.driven)?;
+        let matrix = random_matrix(&body);
+        let (one, two) = (time_ours(&body, &matrix, &pools[0])?, time_ours(&body, &matrix, &pools[1])?);
+        // The matrix is in the dissection's order already; faer wants an explicit permutation to follow it.
+        let identity: Box<[usize]> = (0..3 * body.free.len()).collect();
+        let keep = Perm::new_checked(identity.clone(), identity.clone(), identity.len());
+        let same = time_faer(&matrix, SymmetricOrdering::Custom(keep.as_ref()))?;
+        let amd = time_faer(&matrix, SymmetricOrdering::Amd)?;
+        writeln!(
+            text,
+            "| {} | {:.2} / {:.2} | {:.2} / {:.2} | {:.2} / {:.2} | {:.2} → {:.2} | {:.1} |",
+            3 * body.free.len(),
+            1e3 * one[0],
+            1e3 * one[1],
+            1e3 * same[0],
+            1e3 * same[1],
+            1e3 * amd[0],
+            1e3 * amd[1],
+            1e3 * one[2],
+            1e3 * two[2],
+            body.symbolic.factor_flops() / one[0] * 1e-9,
+        )?;
+    }
+    Ok(())
+}
+
+fn random_matrix(body: &Body) -> BlockMatrix {
+    let mut matrix = BlockMatrix::zeros(body.pattern.clone());
+    let mut rng = SplitMix64(3);
+    matrix.blocks.iter_mut().flatten().for_each(|v| *v = 0.1 * rng.normal());
+    for j in 0..body.pattern.columns() {
+        let diagonal = &mut matrix.blocks[body.pattern.column_start[j] as usize];
+        (0..3).for_each(|c| diagonal[4 * c] = 30.0);
+    }
+    matrix
+}
+
+/// CPU seconds of factor and solve, wall seconds of the fastest single factorisation.
+fn time_ours(body: &Body, matrix: &BlockMatrix, pool: &ThreadPool) -> Outcome<[f64; 3]> {
+    let mut factor = Factor::default();
+    let mut result = pool.install(|| {
+        factor.factor(&body.symbolic, matrix, &[]).map_err(|e| e.to_string())?;
+        let again = || factor.factor(&body.symbolic, matrix, &[]).map_err(|e| e.to_string());
+        sampled(again).map_err(|e| e.to_string())
+    })?;
+    let mut b = vec![1.0; 3 * body.free.len()];
+    let solve = pool.install(|| {
+        let again = || {
+            factor.solve(&body.symbolic, &mut b);
+            Ok(())
+        };
+        sampled(again).map_err(|e| e.to_string())
+    })?;
+    result[2] = result[1];
+    result[1] = solve[0];
+    Ok(result)
+}
+
+/// Runs `f` for [`SAMPLE_SECS`] of CPU time: mean CPU seconds, smallest wall seconds of one run.
+fn sampled(mut f: impl FnMut() -> Result<(), String>) -> Outcome<[f64; 3]> {
+    let before = cpu_seconds()?;
+    let (mut runs, mut best, mut cpu) = (0, f64::INFINITY, 0.0);
+    while cpu < SAMPLE_SECS {
+        let clock = std::time::Instant::now();
+        f()?;
+        best = best.min(clock.elapsed().as_secs_f64());
+        runs += 1;
+        cpu = cpu_seconds()? - before;
+    }
+    Ok([cpu / f64::from(runs), best, 0.0])
+}
+
+/// CPU seconds of faer's supernodal factor and solve, one thread.
+fn time_faer(matrix: &BlockMatrix, ordering: SymmetricOrdering<'_, usize>) -> Outcome<[f64; 2]> {
+    let n = 3 * matrix.pattern.columns();
+    let mut triplets = vec![];
+    for j in 0..matrix.pattern.columns() {
+        for k in matrix.pattern.column(j) {
+            let i = matrix.pattern.row[k] as usize;
+            let entries = (0..9).map(|e| Triplet::new(3 * i + e / 3, 3 * j + e % 3, matrix.blocks[k][e]));
+            triplets.extend(entries.filter(|t| t.row >= t.col));
+        }
+    }
+    let a = SparseColMat::<usize, f64>::try_new_from_triplets(n, n, &triplets).map_err(|e| format!("{e:?}"))?;
+    let params = CholeskySymbolicParams {
+        supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+        ..CholeskySymbolicParams::default()
+    };
+    let symbolic =
+        factorize_symbolic_cholesky(a.symbolic(), Side::Lower, ordering, params).map_err(|e| format!("{e:?}"))?;
+    let mut values = vec![0.0; symbolic.len_val()];
+    let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
+    let mut memory = MemBuffer::new(scratch.or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq)));
+    let mut b = vec![1.0; n];
+    let factor = sampled(|| {
+        let (l, stack) = (LltRegularization::default(), MemStack::new(&mut memory));
+        let done = symbolic.factorize_numeric_llt(
+            &mut values,
+            a.as_ref(),
+            Side::Lower,
+            l,
+            Par::Seq,
+            stack,
+            Default::default(),
+        );
+        done.map(|_| ()).map_err(|e| format!("{e:?}"))
+    })?;
+    let llt = faer::sparse::linalg::cholesky::LltRef::new(&symbolic, &values);
+    let solve = sampled(|| {
+        let rhs = MatMut::from_column_major_slice_mut(&mut b, n, 1);
+        llt.solve_in_place_with_conj(Conj::No, rhs, Par::Seq, MemStack::new(&mut memory));
+        Ok(())
+    })?;
+    Ok([factor[0], solve[0]])
+}
+
+/// Runs `f`; its result and the CPU (all threads) and wall seconds it took.
+fn timed<T>(f: impl FnOnce() -> T) -> Outcome<(T, [f64; 2])> {
+    let (cpu, wall) = (cpu_seconds()?, std::time::Instant::now());
+    let result = f();
+    let wall = wall.elapsed().as_secs_f64();
+    Ok((result, [cpu_seconds()? - cpu, wall]))
+}
+
+/// CPU seconds of every thread of this process, in nanosecond resolution (Linux).
+fn cpu_seconds() -> Outcome<f64> {
+    let mut total = 0.0;
+    for task in std::fs::read_dir("/proc/self/task")? {
+        let text = std::fs::read_to_string(task?.path().join("schedstat"))?;
+        total += text.split_whitespace().next().ok_or("empty schedstat")?.parse::<f64>()? * 1e-9;
+    }
+    Ok(total)
+}
