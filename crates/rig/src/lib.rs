@@ -5,8 +5,10 @@
 
 pub mod anchor;
 pub mod kinematics;
+pub mod proxy;
 pub mod solve_tree;
 pub mod smoothness;
 
 pub use anchor::{Anchor, AnchorColumns};
 pub use kinematics::{FramePose, Kinematics, Posed};
+pub use proxy::proxy;
