@@ -1,4 +1,6 @@
 //! The camera found from the first frame, against known cameras.
+// In tests a panic is the message; helpers outside #[test] functions count as well.
+#![allow(clippy::unwrap_used)]
 
 use animimic::camera::find;
 use animimic::scene::{Asset, Camera, Video, io};
@@ -40,7 +42,7 @@ fn the_examples_camera_is_found_from_its_first_frame() {
     let found = found_camera(&asset, &video);
     let off = angle_deg(&found.camera, &truth.main);
     println!("IoU {:.4}, view axis off by {off:.2} degrees", found.iou);
-    assert!(found.iou > 0.97 && off < 5.0);
+    assert!(found.iou > 0.97 && off < 2.0);
 }
 
 #[test]
@@ -88,6 +90,6 @@ fn real_videos_first_frames_are_seen_from_the_front() {
         let front = animimic::camera::preset("puppeteer:front", asset.mesh.bounds(), size.0, size.1).unwrap();
         let off = angle_deg(&found.camera, &front);
         println!("{name}: IoU {:.4}, view axis off the preset by {off:.2} degrees", found.iou);
-        assert!(found.iou > 0.85 && off < 15.0);
+        assert!(found.iou > 0.95 && off < 3.0);
     }
 }

@@ -7,6 +7,7 @@ pub mod camera;
 mod error;
 pub mod normal;
 pub mod robust;
+pub mod smoothness;
 pub mod solver;
 pub mod stage1;
 pub mod terms;

@@ -17,16 +17,14 @@ impl NormalEquations {
         Self { dimension, hessian: vec![0.0; dimension * dimension], gradient: vec![0.0; dimension] }
     }
 
-    /// Adds w (r + J δ)²: a sparse row with ascending or unordered parameter indices.
+    /// Adds w (r + J δ)²: a sparse row with ascending parameter indices.
     pub fn add_row(&mut self, row: &[(usize, f64)], residual: f64, weight: f64) {
-        for &(i, a) in row {
+        for (k, &(i, a)) in row.iter().enumerate() {
             let wa = weight * a;
             self.gradient[i] += wa * residual;
-            let line = &mut self.hessian[i * self.dimension..][..self.dimension];
-            for &(j, b) in row {
-                if j <= i {
-                    line[j] += wa * b;
-                }
+            let line = &mut self.hessian[i * self.dimension..][..=i];
+            for &(j, b) in &row[..=k] {
+                line[j] += wa * b;
             }
         }
     }

@@ -7,27 +7,12 @@
 use crate::normal::NormalEquations;
 use crate::terms::{At, Context, Term};
 use animimic_math::block_tridiagonal::BlockTridiagonal;
-use animimic_rig::{Anchor, AnchorColumns, FramePose, Posed};
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
-use glam::DVec3;
+use animimic_rig::{FramePose, Posed};
+use faer::{Mat, MatRef};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Temporal smoothness: Σ_t l₁ ‖ΔY‖² + l₂ ‖Δ²Y‖², Y the pseudo-anchors' positions (see `animimic_rig::smoothness`).
-#[derive(Clone, Debug)]
-pub struct Smoothness {
-    /// Pseudo-anchors of all vertices.
-    pub anchors: Vec<Anchor>,
-    /// Their Jacobian structure.
-    pub columns: Vec<AnchorColumns>,
-    /// Weight l₁ of first differences [1/model unit²].
-    pub velocity: f64,
-    /// Weight l₂ of second differences [1/model unit²].
-    pub acceleration: f64,
-    /// Orthogonal directions in which motion is measured; a longer one damps motion along it more.
-    pub basis: [DVec3; 3],
-}
+pub use crate::smoothness::Smoothness;
 
 /// A fitting problem over a range of frames.
 pub struct Problem<'a> {
@@ -168,7 +153,7 @@ pub fn linearize(problem: &Problem, poses: &[FramePose], posed: &[Posed], active
         gradient: normals.iter().flat_map(|e| e.gradient.iter().copied()).collect(),
     };
     if let Some(s) = problem.smoothness {
-        s.linearize(problem, posed, active, &mut model);
+        s.linearize(problem.context.kinematics, posed, active, &mut model);
     }
     model
 }
@@ -197,105 +182,137 @@ impl Model {
         system.solve(&b).ok()
     }
 
+    /// Blocks (t, t), (t + 1, t) and (t + 2, t) of H.
+    pub(crate) fn bands(&mut self) -> [&mut [Mat<f64>]; 3] {
+        [&mut self.diagonal, &mut self.next, &mut self.after_next]
+    }
+
     /// Diagonal of H, \[frame · dimension\]: the information about each parameter taken alone.
     pub fn information(&self) -> Vec<f64> {
         self.diagonal.iter().flat_map(|m| (0..m.nrows()).map(|i| m[(i, i)])).collect()
     }
 }
 
-impl Smoothness {
-    /// Differences that touch an active frame: (first frame, coefficients over consecutive frames, weight).
-    fn stencils(&self, frames: usize, active: &Range<usize>) -> Vec<(usize, &'static [f64], f64)> {
-        let first = (0..frames.saturating_sub(1)).map(|t| (t, [-1.0, 1.0].as_slice(), self.velocity));
-        let second = (0..frames.saturating_sub(2)).map(|t| (t, [1.0, -2.0, 1.0].as_slice(), self.acceleration));
-        let touches = |t: usize, len: usize| t < active.end && t + len > active.start;
-        first.chain(second).filter(|(t, c, w)| *w > 0.0 && touches(*t, c.len())).collect()
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use animimic_math::gradcheck::{SplitMix64, gradient_error};
+    use animimic_rig::fixtures::creature;
+    use animimic_rig::smoothness::pseudo_anchors;
+    use animimic_rig::solve_tree::SolveTree;
+    use animimic_rig::{Anchor, Kinematics};
+    use animimic_scene::Camera;
+    use glam::DVec3;
+
+    const FRAMES: usize = 7;
+
+    fn random_frames(tree: &Kinematics, seed: u64) -> Vec<FramePose> {
+        let mut rng = SplitMix64(seed);
+        let mut step = || -> Vec<f64> { (0..tree.dimension).map(|_| 0.3 * rng.normal()).collect() };
+        (0..FRAMES).map(|_| tree.retract(&tree.rest(), &step())).collect()
     }
 
-    /// Directions of equal weight along all axes but one, which counts `stretch` times as much.
-    pub fn stretched_basis(axis: DVec3, stretch: f64) -> [DVec3; 3] {
-        let axis = axis.normalize();
-        let (a, b) = axis.any_orthonormal_pair();
-        [a, b, axis * stretch]
+    fn camera() -> Camera {
+        Camera::orbit(DVec3::new(1.0, 0.6, 0.5), 6.0, 0.4, 0.2, 0.8, 320, 240)
     }
 
-    /// Coordinates of the pseudo-anchors along the basis.
-    fn positions(&self, posed: &Posed) -> Vec<DVec3> {
-        let along = |p: DVec3| DVec3::from_array(self.basis.map(|b| b.dot(p)));
-        self.anchors.iter().map(|a| along(a.position(posed))).collect()
+    /// Calls `check` with smoothness alone, on all frames and on parts of them.
+    fn each_range(check: impl Fn(&Problem, &[FramePose], &[Posed], Range<usize>)) {
+        let (rig, mesh) = creature();
+        let tree = SolveTree::new(&rig, &mesh);
+        let smoothness = Smoothness {
+            anchors: pseudo_anchors(&tree.vertex_anchors(&rig), tree.kinematics.len()),
+            velocity: 3.0,
+            acceleration: 7.0,
+            basis: Smoothness::stretched_basis(DVec3::new(0.3, -0.4, 0.8), 5.0),
+        };
+        let camera = camera();
+        let context = Context { kinematics: &tree.kinematics, camera: &camera, anchors: &[], columns: &[] };
+        let problem = Problem { context, terms: Vec::new(), smoothness: Some(&smoothness) };
+        let poses = random_frames(&tree.kinematics, 5);
+        let posed: Vec<Posed> = poses.iter().map(|p| tree.kinematics.pose(p)).collect();
+        for active in [0..FRAMES, 0..1, 1..2, 3..4, 2..6, 5..FRAMES] {
+            check(&problem, &poses, &posed, active);
+        }
     }
 
-    /// The energy of all differences that touch an active frame. Frames after the active range take no part: when tracking
-    /// forward they do not exist yet.
-    fn energy(&self, posed: &[Posed], active: &Range<usize>) -> f64 {
-        let low = active.start.saturating_sub(2);
-        let frames = active.end;
-        let y: Vec<Vec<DVec3>> = (low..frames).into_par_iter().map(|t| self.positions(&posed[t])).collect();
-        self.stencils(frames, active)
-            .into_iter()
-            .map(|(t, c, w)| {
-                let square = |k: usize| -> f64 {
-                    c.iter().enumerate().map(|(i, a)| y[t + i - low][k] * *a).sum::<DVec3>().length_squared()
-                };
-                w * (0..self.anchors.len()).map(square).sum::<f64>()
-            })
-            .sum()
+    #[test]
+    fn smoothness_has_an_exact_gradient_on_all_and_on_some_frames() {
+        each_range(|problem, poses, posed, active| {
+            let model = linearize(problem, poses, posed, &active);
+            let gradient: Vec<f64> = model.gradient.iter().map(|g| 2.0 * g).collect();
+            let f = |step: &[f64]| {
+                let moved = retract(problem, poses, &active, step);
+                total_energy(problem, &moved, &pose_all(problem, &moved, posed, &active), &active)
+            };
+            let zero = vec![0.0; gradient.len()];
+            let error = gradient_error(f, &zero, &gradient, 6, &[1e-3, 1e-4, 1e-5], 1);
+            println!("frames {active:?}: relative error {error:.1e}");
+            // Frame 0 alone touches no difference: everything is zero.
+            assert!(error < 1e-6 || gradient.iter().all(|g| *g == 0.0));
+        });
     }
 
-    fn linearize(&self, problem: &Problem, posed: &[Posed], active: &Range<usize>, model: &mut Model) {
-        let (d, r) = (model.dimension, self.anchors.len());
-        let low = active.start.saturating_sub(2);
-        let frames = active.end;
-        let y: Vec<Vec<DVec3>> = (low..frames).into_par_iter().map(|t| self.positions(&posed[t])).collect();
-        // ∂Y/∂θ of each active frame, (3r) × d.
-        let jacobians: Vec<Mat<f64>> =
-            active.clone().into_par_iter().map(|t| self.jacobian(problem, &posed[t], d)).collect();
-        let n = jacobians.len();
-        // Q = Σ w c cᵀ over the stencils; (Q Y) drives the gradient, Q's bands the Hessian.
-        let mut band = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
-        let mut pull = vec![vec![DVec3::ZERO; r]; n];
-        for (t, c, w) in self.stencils(frames, active) {
-            let difference: Vec<DVec3> =
-                (0..r).map(|k| c.iter().enumerate().map(|(i, a)| y[t + i - low][k] * *a).sum()).collect();
-            for (i, a) in c.iter().enumerate() {
-                let Some(row) = (t + i).checked_sub(active.start).filter(|&s| s < n) else { continue };
-                pull[row].iter_mut().zip(&difference).for_each(|(p, v)| *p += *v * (w * a));
-                for (j, b) in c.iter().enumerate().filter(|(j, _)| *j <= i) {
-                    if t + j >= active.start {
-                        band[i - j][t + j - active.start] += w * a * b;
+    #[test]
+    fn the_hessian_of_smoothness_is_that_of_its_jacobian() {
+        each_range(|problem, poses, posed, active| {
+            let smoothness = problem.smoothness.expect("set above");
+            let kinematics = problem.context.kinematics;
+            let model = linearize(problem, poses, posed, &active);
+            let mut rng = SplitMix64(3);
+            let n = active.len() * kinematics.dimension;
+            let v: Vec<f64> = (0..n).map(|_| rng.normal()).collect();
+            // vᵀHv = Σ w ‖Σ c (J v)‖²_G: push v through the rows of every pseudo-anchor.
+            let moving: Vec<Vec<DVec3>> = (0..active.end)
+                .map(|t| match t.checked_sub(active.start) {
+                    None => vec![DVec3::ZERO; smoothness.anchors.len()],
+                    Some(s) => {
+                        let part = &v[s * kinematics.dimension..][..kinematics.dimension];
+                        smoothness.anchors.iter().map(|a| pushed(a, kinematics, &posed[t], part)).collect()
+                    }
+                })
+                .collect();
+            let along = |d: DVec3| smoothness.basis.iter().map(|b| b.dot(d).powi(2)).sum::<f64>();
+            let mut expected = 0.0;
+            for t in 0..active.end {
+                for k in 0..smoothness.anchors.len() {
+                    if t + 1 < active.end && t + 2 > active.start {
+                        expected += smoothness.velocity * along(moving[t + 1][k] - moving[t][k]);
+                    }
+                    if t + 2 < active.end && t + 3 > active.start {
+                        let bend = moving[t + 2][k] - moving[t + 1][k] * 2.0 + moving[t][k];
+                        expected += smoothness.acceleration * along(bend);
+                    }
+                }
+            }
+            let found = quadratic_form(&model, &v);
+            println!("frames {active:?}: {found} {expected}");
+            assert!((found - expected).abs() <= 1e-10 * expected);
+        });
+    }
+
+    fn pushed(anchor: &Anchor, kinematics: &Kinematics, posed: &Posed, v: &[f64]) -> DVec3 {
+        DVec3::from_array(DVec3::AXES.map(|axis| {
+            let mut row = Vec::new();
+            anchor.push_row(&anchor.columns(kinematics), kinematics, posed, axis, &mut row);
+            row.iter().map(|&(i, x)| x * v[i]).sum()
+        }))
+    }
+
+    fn quadratic_form(model: &Model, v: &[f64]) -> f64 {
+        let d = model.dimension;
+        let mut sum = 0.0;
+        for (gap, blocks) in [&model.diagonal, &model.next, &model.after_next].into_iter().enumerate() {
+            for (s, block) in blocks.iter().enumerate() {
+                let (rows, columns) = (&v[(s + gap) * d..][..d], &v[s * d..][..d]);
+                for i in 0..d {
+                    for j in 0..if gap == 0 { i + 1 } else { d } {
+                        let both = if gap == 0 && i == j { 1.0 } else { 2.0 };
+                        sum += both * rows[i] * block[(i, j)] * columns[j];
                     }
                 }
             }
         }
-        let product = |a: &Mat<f64>, b: &Mat<f64>, scale: f64, target: &mut Mat<f64>| {
-            matmul(target.as_mut(), Accum::Add, a.transpose(), b.as_ref(), scale, Par::Seq);
-        };
-        model.diagonal.par_iter_mut().enumerate().for_each(|(s, m)| product(&jacobians[s], &jacobians[s], band[0][s], m));
-        model.next.par_iter_mut().enumerate().for_each(|(s, m)| product(&jacobians[s + 1], &jacobians[s], band[1][s], m));
-        model
-            .after_next
-            .par_iter_mut()
-            .enumerate()
-            .for_each(|(s, m)| product(&jacobians[s + 2], &jacobians[s], band[2][s], m));
-        for (s, (jacobian, pulls)) in jacobians.iter().zip(&pull).enumerate() {
-            let flat: Vec<f64> = pulls.iter().flat_map(|p| p.to_array()).collect();
-            let g = jacobian.transpose() * MatRef::from_column_major_slice(&flat, 3 * r, 1);
-            (0..d).for_each(|i| model.gradient[s * d + i] += g[(i, 0)]);
-        }
-    }
-
-    fn jacobian(&self, problem: &Problem, posed: &Posed, dimension: usize) -> Mat<f64> {
-        let mut jacobian = Mat::zeros(3 * self.anchors.len(), dimension);
-        let mut row = Vec::new();
-        for (k, (anchor, columns)) in self.anchors.iter().zip(&self.columns).enumerate() {
-            for (axis, direction) in self.basis.into_iter().enumerate() {
-                row.clear();
-                anchor.push_row(columns, problem.context.kinematics, posed, direction, &mut row);
-                for &(i, v) in &row {
-                    jacobian[(3 * k + axis, i)] += v;
-                }
-            }
-        }
-        jacobian
+        sum
     }
 }

@@ -20,6 +20,7 @@ pub mod project;
 pub mod pyramid;
 pub mod raster;
 pub mod render;
+mod setup;
 pub mod shade;
 pub mod silhouette;
 pub mod solve_light;

@@ -84,3 +84,37 @@ pub(crate) fn shade_plain_vjp(
     }
     sums.flush(corners.vertices, d_screen);
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::fixtures::blob;
+    use crate::light::Light;
+    use crate::render::{Cotangents, render, render_vjp};
+    use crate::surface::Surface;
+    use animimic_scene::{Camera, Look};
+    use glam::DVec3;
+
+    #[test]
+    fn the_plain_path_and_the_general_one_agree() {
+        let mut mesh = blob(30, 20);
+        mesh.colors = mesh.positions.iter().map(|p| [0.5 + 0.4 * p.x as f32, 0.5, 0.5 - 0.4 * p.y as f32]).collect();
+        let looks = [Look { unlit: true, emissive: [0.05, 0.0, 0.1], ..Look::default() }];
+        let plain = Surface::new(&mesh, &looks).expect("the fixture is sound");
+        assert!(plain.plain);
+        let general = Surface { plain: false, ..plain.clone() };
+        let camera = Camera::orbit(DVec3::ZERO, 3.5, 0.3, 0.4, 0.8, 64, 64);
+        let light = Light::default();
+        let d_rgb: Vec<[f32; 3]> = (0..64 * 64).map(|p| [1.0, -0.5 + 0.01 * (p % 64) as f32, 0.3]).collect();
+        let d = Cotangents { rgb: &d_rgb, ..Cotangents::default() };
+        let [a, b] = [&plain, &general].map(|surface| {
+            let rendered = render(&camera, surface, &mesh.positions, &light, [1.0; 3]);
+            let g = render_vjp(&camera, surface, &mesh.positions, &light, &rendered, &d, false);
+            (rendered.rgb, g.positions)
+        });
+        let color = a.0.iter().flatten().zip(b.0.iter().flatten()).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let size = b.1.iter().map(|g| g.length()).fold(0.0, f64::max);
+        let gradient = a.1.iter().zip(&b.1).map(|(a, b)| (*a - *b).length() / size).fold(0.0, f64::max);
+        println!("largest difference: colour {color:.1e}, gradient {gradient:.1e} of the largest");
+        assert!(color < 1e-6 && gradient < 1e-5);
+    }
+}

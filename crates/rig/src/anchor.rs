@@ -140,3 +140,40 @@ fn share_position(s: &Share, posed: &Posed) -> DVec3 {
     let t = &posed.transforms[s.joint];
     t.matrix3 * s.weighted_rest + t.translation * s.weight
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{creature, creature_with_stray_weight};
+    use crate::solve_tree::SolveTree;
+    use animimic_math::gradcheck::{SplitMix64, gradient_error};
+
+    #[test]
+    fn rows_are_the_derivatives_of_positions_for_every_kind_of_joint_and_blend() {
+        for (rig, mesh) in [creature(), creature_with_stray_weight()] {
+            let tree = SolveTree::new(&rig, &mesh);
+            let kinematics = &tree.kinematics;
+            let vertices = tree.vertex_anchors(&rig);
+            let mut rng = SplitMix64(11);
+            let start: Vec<f64> = (0..kinematics.dimension).map(|_| 0.5 * rng.normal()).collect();
+            let pose = kinematics.retract(&kinematics.rest(), &start);
+            let posed = kinematics.pose(&pose);
+            let mut worst = 0.0f64;
+            for corners in (0..vertices.len() - 20).step_by(5) {
+                let [a, b, c] = [corners, corners + 9, corners + 20].map(|v| &vertices[v]);
+                let anchor = Anchor::blend([a, b, c], [0.2, 0.5, 0.3]);
+                let g = DVec3::new(rng.normal(), rng.normal(), rng.normal());
+                let mut row = Vec::new();
+                anchor.push_row(&anchor.columns(kinematics), kinematics, &posed, g, &mut row);
+                assert!(row.windows(2).all(|w| w[0].0 < w[1].0), "parameters ascend");
+                let mut gradient = vec![0.0; kinematics.dimension];
+                row.iter().for_each(|&(i, v)| gradient[i] += v);
+                let f = |step: &[f64]| g.dot(anchor.position(&kinematics.pose(&kinematics.retract(&pose, step))));
+                let zero = vec![0.0; kinematics.dimension];
+                worst = worst.max(gradient_error(f, &zero, &gradient, 3, &[1e-3, 1e-4, 1e-5], 2));
+            }
+            println!("largest relative error {worst:.1e}");
+            assert!(worst < 1e-7);
+        }
+    }
+}

@@ -60,6 +60,16 @@ impl Kinematics {
         Self { parents, pivots, turns, slides, turn_offset, slide_offset, dimension }
     }
 
+    /// Appends a joint without parent that neither turns nor slides: it holds what does not move.
+    pub fn push_fixed(&mut self, pivot: DVec3) {
+        self.parents.push(None);
+        self.pivots.push(pivot);
+        self.turns.push(false);
+        self.slides.push(false);
+        self.turn_offset.push(None);
+        self.slide_offset.push(None);
+    }
+
     /// Number of joints.
     pub fn len(&self) -> usize {
         self.parents.len()
@@ -135,5 +145,37 @@ impl Kinematics {
             at = self.parents[j];
         }
         false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::creature;
+    use crate::solve_tree::SolveTree;
+    use animimic_math::gradcheck::SplitMix64;
+
+    #[test]
+    fn difference_inverts_retract() {
+        let (rig, mesh) = creature();
+        let tree = SolveTree::new(&rig, &mesh).kinematics;
+        let mut rng = SplitMix64(4);
+        let mut step = || -> Vec<f64> { (0..tree.dimension).map(|_| 0.6 * rng.normal()).collect() };
+        let from = tree.retract(&tree.rest(), &step());
+        let wanted = step();
+        let found = tree.difference(&from, &tree.retract(&from, &wanted));
+        let worst = wanted.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        println!("largest difference {worst:.1e}");
+        assert!(worst < 1e-12);
+    }
+
+    #[test]
+    fn a_chain_turned_at_its_root_moves_rigidly() {
+        let pivots = vec![DVec3::X, DVec3::new(1.0, 1.0, 0.0)];
+        let tree = Kinematics::new(vec![None, Some(0)], pivots, vec![true; 2], vec![true, false]);
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let posed = tree.pose(&tree.retract(&tree.rest(), &[0.0, 0.0, quarter, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0]));
+        assert!(posed.centers[1].abs_diff_eq(DVec3::new(0.0, 0.0, 2.0), 1e-14), "{}", posed.centers[1]);
+        assert!(posed.transforms[1].abs_diff_eq(posed.transforms[0], 1e-14));
     }
 }

@@ -4,6 +4,7 @@
 #![deny(missing_docs)]
 
 pub mod anchor;
+pub mod fixtures;
 pub mod kinematics;
 pub mod proxy;
 pub mod solve_tree;

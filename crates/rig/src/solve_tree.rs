@@ -11,8 +11,9 @@
 
 use crate::anchor::Anchor;
 use crate::kinematics::{FramePose, Kinematics};
+use animimic_math::so3;
 use animimic_scene::{Mesh, Pose, Rig, Transform};
-use glam::DAffine3;
+use glam::{DAffine3, DQuat};
 
 /// A root must carry this share of all weight: what lies above it holds only stray weights.
 const ROOT_WEIGHT_SHARE: f64 = 0.99;
@@ -24,7 +25,7 @@ const FLOATING_GAP: f64 = 0.01;
 /// The solved tree with its maps to and from the file's skeleton.
 #[derive(Clone, Debug)]
 pub struct SolveTree {
-    /// The tree that is solved.
+    /// The tree that is solved. Where joints outside it carry weight its last joint is fixed, and holds what they hold.
     pub kinematics: Kinematics,
     /// Skeleton joint → joint of `kinematics` that carries it, or `None` where it stays at rest.
     pub joint_of: Vec<Option<usize>>,
@@ -72,46 +73,50 @@ impl SolveTree {
                 joint_of[j] = parents[j].and_then(|p| joint_of[p]);
             }
         }
-        let kinematics = Kinematics::new(solve_parents, pivots, turns, slides);
-        Self { kinematics, joint_of, skeleton_joint, ties, rest_world }
+        let mut tree = Kinematics::new(solve_parents, pivots, turns, slides);
+        let fixed = (0..count).find(|&j| joint_of[j].is_none() && geometry.weight[j] > 0.0);
+        if let Some(j) = fixed {
+            skeleton_joint.push(j);
+            tree.push_fixed(rest_world[j].translation);
+        }
+        Self { kinematics: tree, joint_of, skeleton_joint, ties, rest_world }
     }
 
     /// The anchor of every vertex of the mesh.
     pub fn vertex_anchors(&self, rig: &Rig) -> Vec<Anchor> {
-        // Vertices of joints above the root do not move: they hang on a static extra joint, which is left out of the shares
-        // by giving its weight to the root instead.
-        let joint_of: Vec<usize> = self.joint_of.iter().map(|j| j.unwrap_or(0)).collect();
-        let rest: Vec<DAffine3> =
-            rig.skin.slots.iter().map(|s| self.rest_world[s.joint] * s.inverse_bind).collect();
+        // What joints above the root hold stays where it is: the last joint is fixed where there are such weights.
+        let fixed = self.kinematics.len().saturating_sub(1);
+        let joint_of: Vec<usize> = self.joint_of.iter().map(|j| j.unwrap_or(fixed)).collect();
+        let rest: Vec<DAffine3> = rig.skin.slots.iter().map(|s| self.rest_world[s.joint] * s.inverse_bind).collect();
         (0..rig.skin.influences.len()).map(|v| Anchor::vertex(&rig.skin, &rest, &joint_of, v)).collect()
     }
 
     /// The file's pose for a solved frame: local transforms of every skeleton joint.
     pub fn pose(&self, rig: &Rig, frame: &FramePose) -> Pose {
         let posed = self.kinematics.pose(frame);
-        let joints = &rig.skeleton.joints;
-        let root_weightless = |j: usize| self.joint_of[j].is_none();
-        let world: Vec<DAffine3> = (0..joints.len())
-            .map(|j| self.joint_of[j].map_or(self.rest_world[j], |k| posed.transforms[k] * self.rest_world[j]))
-            .collect();
-        let locals = joints
-            .iter()
-            .enumerate()
-            .map(|(j, joint)| {
-                let follows_parent = match joint.parent {
-                    Some(p) => self.joint_of[j] == self.joint_of[p],
-                    None => root_weightless(j),
-                };
-                if follows_parent {
-                    return joint.rest;
-                }
-                let parent = joint.parent.map_or(DAffine3::IDENTITY, |p| world[p]);
-                let local = Transform::from_affine(parent.inverse() * world[j]);
-                // Displacements are rigid: the scale is the rest's own, free of rounding.
-                Transform { scale: joint.rest.scale, ..local }
-            })
-            .collect();
-        Pose { locals }
+        let displacement = |j: usize| self.joint_of[j].map_or(DAffine3::IDENTITY, |k| posed.transforms[k]);
+        let locals = rig.skeleton.joints.iter().enumerate().map(|(j, joint)| {
+            let (own, above) = (displacement(j), joint.parent.map_or(DAffine3::IDENTITY, displacement));
+            let rest_above = joint.parent.map_or(DAffine3::IDENTITY, |p| self.rest_world[p]);
+            if own == above { joint.rest } else { displaced(&joint.rest, above.inverse() * own, rest_above) }
+        });
+        Pose { locals: locals.collect() }
+    }
+}
+
+/// A joint's local transform after a rigid displacement relative to its parent, which is given in rest-world space:
+/// G_p⁻¹ D G_p · (T R S). Exact where the parent's rest transform is a similarity; shear under parents with unequal scales cannot
+/// be written as T R S, and the nearest rotation is taken.
+fn displaced(rest: &Transform, displacement: DAffine3, rest_above: DAffine3) -> Transform {
+    let local = rest_above.inverse() * displacement * rest_above;
+    if !local.is_finite() {
+        return *rest;
+    }
+    let turn = DQuat::from_mat3(&so3::orthonormalized(&local.matrix3));
+    Transform {
+        translation: local.transform_point3(rest.translation),
+        rotation: (turn * rest.rotation).normalize(),
+        scale: rest.scale,
     }
 }
 
@@ -203,8 +208,7 @@ impl<'a> Geometry<'a> {
     /// The joint outside with the vertex nearest to the geometry inside, and that distance [model unit].
     fn nearest_geometry(&self, inside: &[bool]) -> Option<(usize, f64)> {
         let mut best: Option<(usize, f64)> = None;
-        let (within, without): (Vec<usize>, Vec<usize>) =
-            (0..self.owner.len()).partition(|&v| inside[self.owner[v]]);
+        let (within, without): (Vec<usize>, Vec<usize>) = (0..self.owner.len()).partition(|&v| inside[self.owner[v]]);
         // A sample is enough to tell which limb a part belongs to.
         let step_in = within.len() / 300 + 1;
         let step_out = without.len() / 3000 + 1;
@@ -301,4 +305,107 @@ fn solve_root(parents: &[Option<usize>], order: &[usize], weight: &[f64], live: 
         }
     }
     root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{creature, creature_with_stray_weight, joint};
+    use animimic_math::gradcheck::SplitMix64;
+    use animimic_scene::Asset;
+
+    fn random_pose(tree: &SolveTree, seed: u64) -> FramePose {
+        let mut rng = SplitMix64(seed);
+        let step: Vec<f64> = (0..tree.kinematics.dimension).map(|_| 0.5 * rng.normal()).collect();
+        tree.kinematics.retract(&tree.kinematics.rest(), &step)
+    }
+
+    /// Largest distance between the anchors' positions and the file's own skinning of the file's pose, per rest diagonal.
+    fn round_trip_error(rig: &Rig, mesh: &Mesh, seed: u64) -> f64 {
+        let tree = SolveTree::new(rig, mesh);
+        let frame = random_pose(&tree, seed);
+        let posed = tree.kinematics.pose(&frame);
+        let skinned = rig.skinned(&rig.skeleton.world_from_joint(&tree.pose(rig, &frame).locals));
+        let anchors = tree.vertex_anchors(rig);
+        let worst = anchors.iter().zip(&skinned).map(|(a, x)| a.position(&posed).distance(*x)).fold(0.0, f64::max);
+        worst / mesh.diagonal()
+    }
+
+    #[test]
+    fn the_rest_pose_gives_the_files_rest_bit_for_bit() {
+        for (rig, mesh) in [creature(), creature_with_stray_weight()] {
+            let tree = SolveTree::new(&rig, &mesh);
+            assert_eq!(tree.pose(&rig, &tree.kinematics.rest()).locals, rig.skeleton.rest_locals());
+        }
+    }
+
+    #[test]
+    fn the_files_skinning_of_a_solved_pose_equals_the_anchors() {
+        for (rig, mesh) in [creature(), creature_with_stray_weight()] {
+            for seed in 1..6 {
+                let error = round_trip_error(&rig, &mesh, seed);
+                println!("seed {seed}: {error:.1e} of the diagonal");
+                assert!(error < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn the_creature_is_tied_rooted_and_slid_as_designed() {
+        let (rig, mesh) = creature();
+        let tree = SolveTree::new(&rig, &mesh);
+        assert_eq!(tree.ties, [(joint::FOOT, joint::SHIN)]);
+        let sliding: Vec<usize> =
+            (0..tree.kinematics.len()).filter(|&j| tree.kinematics.slides[j]).map(|j| tree.skeleton_joint[j]).collect();
+        assert_eq!(sliding, [joint::ARMATURE, joint::PROP, joint::HIP, joint::THIGH, joint::HAND]);
+        assert_eq!(tree.joint_of[joint::MARKER], tree.joint_of[joint::CHEST], "it follows the chest");
+    }
+
+    #[test]
+    fn what_joints_above_the_root_hold_stays_at_rest() {
+        let (mut rig, mesh) = creature_with_stray_weight();
+        let tree = SolveTree::new(&rig, &mesh);
+        assert_eq!(tree.joint_of[joint::ARMATURE], None);
+        let fixed = tree.kinematics.len() - 1;
+        assert!(!tree.kinematics.turns[fixed] && !tree.kinematics.slides[fixed]);
+        // All of a vertex on the joint above: it does not move, whatever the pose.
+        rig.skin.influences[0].truncate(1);
+        rig.skin.influences[0][0].weight = 1.0;
+        let posed = tree.kinematics.pose(&random_pose(&tree, 9));
+        let moved = tree.vertex_anchors(&rig)[0].position(&posed).distance(mesh.positions[0]);
+        println!("moved by {moved:.1e}");
+        assert!(moved < 1e-12);
+    }
+
+    #[test]
+    fn shared_rigs_come_back_as_the_anchors_have_them() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/gt");
+        let Ok(entries) = std::fs::read_dir(folder) else {
+            println!("skipped: {folder} is absent");
+            return;
+        };
+        let mut cases: Vec<_> = entries.flatten().map(|e| e.path().join("static.glb")).filter(|p| p.exists()).collect();
+        cases.sort();
+        for path in cases {
+            let Asset { rig, mesh, .. } = animimic_scene::io::read(&path).expect("a readable model");
+            let error = round_trip_error(&rig, &mesh, 3);
+            // Shear below unequal scales cannot be written as T R S: the error may be of their order, and no more.
+            let uneven = unevenness(&rig);
+            println!("{}: {error:.1e} of the diagonal, scales uneven by {uneven:.1e}", path.display());
+            assert!(error < 1e-9 + 4.0 * uneven, "{}", path.display());
+        }
+    }
+
+    /// Largest relative difference between the axes' scales of any joint that has children; 0 up to rounding in f64.
+    fn unevenness(rig: &Rig) -> f64 {
+        let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let uneven = |p: usize| {
+            let m = world[p].matrix3;
+            let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.length());
+            let (lo, hi) = lengths.iter().fold((f64::INFINITY, 0.0f64), |(lo, hi), &l| (lo.min(l), hi.max(l)));
+            let difference = (hi - lo) / hi;
+            if difference < 1e-14 { 0.0 } else { difference }
+        };
+        rig.skeleton.joints.iter().filter_map(|j| j.parent).map(uneven).fold(0.0, f64::max)
+    }
 }

@@ -1,10 +1,10 @@
 //! Frame by frame: draw the model where it is believed to be, see where its points went, move it there.
 
-use crate::FitError;
 use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
 use super::settings::Settings;
 use super::sight::{Sight, Studio};
 use super::subject::Subject;
+use crate::FitError;
 use crate::robust::Robust;
 use crate::solver::{Options, Problem, Smoothness, solve};
 use crate::terms::{Context, JointPrior, JointPriors, Pixels};
@@ -55,7 +55,8 @@ impl Stage<'_> {
         let s = &self.settings;
         let kinematics = &self.subject.tree.kinematics;
         let mut anchors = Vec::new();
-        let mut flow = Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
+        let mut flow =
+            Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
         let mut contour = Pixels { weight: s.contour, ..flow.clone() };
         for (t, c) in active.clone().zip(found) {
             let base = anchors.len() as u32;
@@ -87,7 +88,6 @@ impl Stage<'_> {
         let axis = self.studio.camera.view_from_world.matrix3.row(2);
         Smoothness {
             anchors: self.subject.pseudo.clone(),
-            columns: self.subject.pseudo_columns.clone(),
             velocity: self.settings.velocity / d2,
             acceleration: self.settings.acceleration / d2,
             basis: Smoothness::stretched_basis(axis, self.settings.view_axis),
@@ -101,11 +101,7 @@ impl Stage<'_> {
             if kinematics.parents[j].is_none() {
                 return JointPrior { slide_stiffness: 0.0, ..JointPrior::FREE };
             }
-            JointPrior {
-                stiffness: self.settings.rest,
-                slide_stiffness: self.settings.slide / d2,
-                ..JointPrior::FREE
-            }
+            JointPrior { stiffness: self.settings.rest, slide_stiffness: self.settings.slide / d2, ..JointPrior::FREE }
         };
         let all: Vec<JointPrior> = (0..kinematics.len()).map(prior).collect();
         // Frame 0 shows the rest pose: the video began from a picture of it.
@@ -127,7 +123,8 @@ impl Stage<'_> {
         for t in 1..self.frames.len() {
             poses.push(self.predict(&poses, t));
             for round in 0..self.settings.rounds {
-                let (huber, reach) = (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
+                let (huber, reach) =
+                    (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
                 let found = self.correspond(&poses[t], t, reach);
                 self.solve(&mut poses, t..t + 1, &[found], huber, 6);
             }

@@ -48,9 +48,7 @@ struct Fit {
 impl Depth {
     fn fit(&self, context: &Context, at: &At) -> Fit {
         let targets = &self.targets[at.frame];
-        let axis = |t: &DepthTarget| {
-            context.camera.to_view(context.anchors[t.anchor as usize].position(at.posed)).z
-        };
+        let axis = |t: &DepthTarget| context.camera.to_view(context.anchors[t.anchor as usize].position(at.posed)).z;
         let depths: Vec<f64> = targets.iter().map(axis).collect();
         if !self.affine {
             return Fit { scale: 1.0, shift: 0.0, depths };
@@ -86,7 +84,8 @@ impl Term for Depth {
 
     fn energy(&self, context: &Context, at: &At) -> f64 {
         let fit = self.fit(context, at);
-        let residual = |i: usize| (fit.scale * fit.depths[i] + fit.shift - self.targets[at.frame][i].depth) / self.sigma;
+        let residual =
+            |i: usize| (fit.scale * fit.depths[i] + fit.shift - self.targets[at.frame][i].depth) / self.sigma;
         let sum: f64 =
             (0..fit.depths.len()).map(|i| self.targets[at.frame][i].weight * self.robust.loss(residual(i).abs())).sum();
         self.weight * sum

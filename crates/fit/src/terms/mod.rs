@@ -49,3 +49,109 @@ pub trait Term: Sync {
     /// Adds the Gauss–Newton model of the energy to `normal`; its gradient is exact (half of dE).
     fn linearize(&self, context: &Context, at: &At, normal: &mut NormalEquations);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robust::Robust;
+    use animimic_math::gradcheck::{SplitMix64, gradient_error};
+    use animimic_math::so3;
+    use animimic_rig::fixtures::{creature, creature_with_stray_weight};
+    use animimic_rig::solve_tree::SolveTree;
+    use glam::{DVec2, DVec3};
+
+    const LOSSES: [Robust; 3] = [Robust::Squared, Robust::Huber(2.0), Robust::GemanMcClure(4.0)];
+
+    /// Members of a term's family of settings; a term without one here fails the test.
+    fn cases(name: &str, context: &Context, pose: &FramePose, rng: &mut SplitMix64) -> Vec<Box<dyn Term>> {
+        let posed = context.kinematics.pose(pose);
+        let at = |i: usize| context.anchors[i].position(&posed);
+        let count = context.anchors.len();
+        match name {
+            "pixels" => {
+                let targets: Vec<PixelTarget> = (0..count)
+                    .map(|i| PixelTarget {
+                        anchor: i as u32,
+                        pixel: context.camera.project(at(i)) + DVec2::new(rng.normal(), rng.normal()) * 3.0,
+                        weight: 0.2 + rng.uniform(),
+                        normal: (i % 2 == 0).then(|| DVec2::from_angle(6.0 * rng.uniform())),
+                    })
+                    .collect();
+                let of =
+                    |robust| Box::new(Pixels { targets: vec![targets.clone()], robust, weight: 0.7 }) as Box<dyn Term>;
+                LOSSES.map(of).into()
+            }
+            "depth" => {
+                let mut targets = |scale: f64, shift: f64| -> Vec<DepthTarget> {
+                    (0..count)
+                        .map(|i| DepthTarget {
+                            anchor: i as u32,
+                            depth: scale * context.camera.to_view(at(i)).z + shift + 0.1 * rng.normal(),
+                            weight: 0.2 + rng.uniform(),
+                        })
+                        .collect()
+                };
+                let both = [(targets(0.4, 0.3), true), (targets(1.0, 0.0), false)];
+                let of = |robust, (targets, affine): &(Vec<DepthTarget>, bool)| {
+                    let targets = vec![targets.clone()];
+                    Box::new(Depth { targets, sigma: 0.05, robust, weight: 0.7, affine: *affine }) as Box<dyn Term>
+                };
+                LOSSES.iter().flat_map(|&robust| both.iter().map(move |b| of(robust, b))).collect()
+            }
+            "joint_prior" => {
+                let mut any = || DVec3::new(rng.normal(), rng.normal(), rng.normal());
+                let mut prior = || JointPrior {
+                    rotation: so3::exp(any() * 0.5),
+                    stiffness: 2.0,
+                    stiff_axis: any(),
+                    limit_rad: 0.3,
+                    limit_stiffness: 5.0,
+                    displacement: any() * 0.2,
+                    slide_stiffness: 3.0,
+                };
+                vec![Box::new(JointPriors { joints: vec![(0..context.kinematics.len()).map(|_| prior()).collect()] })]
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// Largest relative gradient error of a term at a pose, through the whole chain.
+    fn error(term: &dyn Term, context: &Context, pose: &FramePose) -> f64 {
+        let energy =
+            |pose: &FramePose| term.energy(context, &At { frame: 0, pose, posed: &context.kinematics.pose(pose) });
+        let mut normal = NormalEquations::zeros(context.kinematics.dimension);
+        term.linearize(context, &At { frame: 0, pose, posed: &context.kinematics.pose(pose) }, &mut normal);
+        let gradient: Vec<f64> = normal.gradient.iter().map(|g| 2.0 * g).collect();
+        let f = |step: &[f64]| energy(&context.kinematics.retract(pose, step));
+        gradient_error(f, &vec![0.0; gradient.len()], &gradient, 5, &[1e-3, 1e-4, 1e-5, 1e-6], 7)
+    }
+
+    #[test]
+    fn every_term_has_an_exact_gradient_through_the_rig_driver() {
+        for (rig, mesh) in [creature(), creature_with_stray_weight()] {
+            let tree = SolveTree::new(&rig, &mesh);
+            let vertices = tree.vertex_anchors(&rig);
+            let anchors: Vec<Anchor> = (0..vertices.len() - 20)
+                .step_by(7)
+                .map(|i| Anchor::blend([i, i + 9, i + 20].map(|v| &vertices[v]), [0.2, 0.5, 0.3]))
+                .collect();
+            let columns: Vec<AnchorColumns> = anchors.iter().map(|a| a.columns(&tree.kinematics)).collect();
+            let camera = Camera::orbit(DVec3::new(1.0, 0.6, 0.5), 6.0, 0.4, 0.2, 0.8, 320, 240);
+            let context =
+                Context { kinematics: &tree.kinematics, camera: &camera, anchors: &anchors, columns: &columns };
+            let mut rng = SplitMix64(21);
+            let step: Vec<f64> = (0..tree.kinematics.dimension).map(|_| 0.3 * rng.normal()).collect();
+            let pose = tree.kinematics.retract(&tree.kinematics.rest(), &step);
+            for &name in NAMES {
+                let members = cases(name, &context, &pose, &mut rng);
+                assert!(!members.is_empty(), "{name} has no case here");
+                for (k, term) in members.iter().enumerate() {
+                    assert_eq!(term.name(), name);
+                    let error = error(term.as_ref(), &context, &pose);
+                    println!("{name} {k}: relative error {error:.1e}");
+                    assert!(error < 1e-6);
+                }
+            }
+        }
+    }
+}

@@ -123,7 +123,7 @@ fn solve_tile(x: &mut [Column], l: &[Column]) {
 }
 
 /// Applies `f` to every strip, on several threads where the work is worth it; strips never depend on each other here.
-fn for_each_strip<'a>(strips: Vec<(usize, &'a mut [f64])>, work: usize, f: impl Fn(usize, &mut [f64]) + Sync) {
+fn for_each_strip(strips: Vec<(usize, &mut [f64])>, work: usize, f: impl Fn(usize, &mut [f64]) + Sync) {
     if work > PARALLEL_WORK && rayon::current_num_threads() > 1 {
         strips.into_par_iter().with_max_len(4).for_each(|(i, s)| f(i, s));
     } else {

@@ -54,8 +54,8 @@ pub fn conjugate_gradients(
         }
         matrix.times(&p, &mut ap);
         let curvature = dot(&p, &ap);
-        // Not `<= 0`: a NaN must end the solve too.
-        if !(curvature > 0.0) {
+        // A NaN must end the solve too.
+        if curvature <= 0.0 || curvature.is_nan() {
             return (x, Ended::NegativeCurvature);
         }
         let alpha = rz / curvature;
