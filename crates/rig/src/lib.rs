@@ -7,8 +7,8 @@ pub mod anchor;
 pub mod fixtures;
 pub mod kinematics;
 pub mod proxy;
-pub mod solve_tree;
 pub mod smoothness;
+pub mod solve_tree;
 
 pub use anchor::{Anchor, AnchorColumns};
 pub use kinematics::{FramePose, Kinematics, Posed};

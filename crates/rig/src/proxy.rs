@@ -238,10 +238,8 @@ impl<'a> Collapse<'a> {
         if shared.len() != 1 && a.len() > at(from).count() {
             return None;
         }
-        let pairs: Vec<(u32, u32)> = shared
-            .iter()
-            .filter_map(|&t| Some((self.file_vertex(t, from)?, self.file_vertex(t, onto)?)))
-            .collect();
+        let pairs: Vec<(u32, u32)> =
+            shared.iter().filter_map(|&t| Some((self.file_vertex(t, from)?, self.file_vertex(t, onto)?))).collect();
         let mut moves = Vec::new();
         for t in at(from).filter(|t| !shared.contains(t)) {
             let k = self.corners(t).iter().position(|&w| w == from)?;

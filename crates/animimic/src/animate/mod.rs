@@ -135,8 +135,9 @@ fn take(
     tell(progress, Event::Stage { name: "camera" })?;
     let camera = clock.time("camera", || choose_camera(job, model, &video, &found, &mask_cue.background))?;
     tell(progress, Event::Stage { name: "motion" })?;
-    let solved = clock
-        .time("motion", || motion::find(model.solved, &camera.main, &found, &mask_cue.background, &video, &name, progress))?;
+    let solved = clock.time("motion", || {
+        motion::find(model.solved, &camera.main, &found, &mask_cue.background, &video, &name, progress)
+    })?;
     Ok(Take {
         name,
         video,
@@ -163,7 +164,9 @@ fn choose_camera(
     match &job.camera {
         CameraChoice::File(path) => Ok(CameraFile { fps: video.fps, ..camera::from_file(path, width, height)? }),
         CameraChoice::Preset(name) => Ok(file(camera::preset(name, (low, high), width, height)?)),
-        CameraChoice::Auto => Ok(file(camera::find(model.solved, &video.frames[0], &found.masks[0], background)?.camera)),
+        CameraChoice::Auto => {
+            Ok(file(camera::find(model.solved, &video.frames[0], &found.masks[0], background)?.camera))
+        }
     }
 }
 
