@@ -217,10 +217,12 @@ impl<'a> Collapse<'a> {
         while self.live > wanted {
             let Some(c) = self.heap.pop() else { break };
             let fresh = [c.from, c.onto].iter().zip(c.stamps).all(|(&v, s)| self.stamp[v as usize] == s);
-            if fresh && !self.gone[c.from as usize] && !self.gone[c.onto as usize] {
-                if let Some(moves) = self.allowed(c.from, c.onto) {
-                    self.collapse(c.from, c.onto, &moves);
-                }
+            if fresh
+                && !self.gone[c.from as usize]
+                && !self.gone[c.onto as usize]
+                && let Some(moves) = self.allowed(c.from, c.onto)
+            {
+                self.collapse(c.from, c.onto, &moves);
             }
         }
     }
