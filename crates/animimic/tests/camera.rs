@@ -1,4 +1,6 @@
 //! The camera found from the first frame, against known cameras.
+// In tests a panic is the message; helpers outside #[test] functions count as well.
+#![allow(clippy::unwrap_used)]
 
 use animimic::scene::{Camera, Mask, io};
 use animimic_fit::camera::find_camera;
