@@ -6,8 +6,8 @@
 pub mod anchor;
 pub mod fixtures;
 pub mod kinematics;
-pub mod solve_tree;
 pub mod smoothness;
+pub mod solve_tree;
 
 pub use anchor::{Anchor, AnchorColumns};
 pub use kinematics::{FramePose, Kinematics, Posed};
