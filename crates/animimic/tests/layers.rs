@@ -1,4 +1,6 @@
 //! The house's one-way stairs: math, scene, {render, rig, sim, video}, fit, animimic, apps.
+// In tests a panic is the message; helpers outside #[test] functions count as well.
+#![allow(clippy::unwrap_used)]
 
 use std::path::{Path, PathBuf};
 
