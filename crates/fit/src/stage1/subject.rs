@@ -1,9 +1,9 @@
 //! The model that is fitted: everything about it that does not change from frame to frame.
 
-use animimic_render::{RenderError, Surface};
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::solve_tree::SolveTree;
 use animimic_rig::{Anchor, AnchorColumns, FramePose, Posed};
+use animimic_render::{RenderError, Surface};
 use animimic_scene::{Asset, Pose};
 use glam::DVec3;
 
