@@ -36,7 +36,7 @@ pub(crate) struct Take {
     pub uncertain: Vec<String>,
 }
 
-/// The model, and what of it is drawn and solved: itself, or a coarse stand-in for a dense mesh.
+/// The model, and what of it is drawn, solved and measured: itself, or a coarse stand-in for a dense mesh.
 #[derive(Clone, Copy)]
 struct Model<'a> {
     asset: &'a Asset,
@@ -88,7 +88,7 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     let mut clips = Vec::new();
     for take in &takes {
         tell(progress, Event::Stage { name: "measuring" })?;
-        clips.push(clock.time("metrics", || clip_report(&asset, take))?);
+        clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
     let mut report = Report::new(job, &asset, clips);
     deliver::write(job, &asset, &takes, &mut report, &mut clock, progress)?;
