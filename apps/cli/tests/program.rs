@@ -1,4 +1,6 @@
 //! The program as people run it: exit codes, one-sentence errors, JSON, equal bytes.
+// In tests a panic is the message; helpers outside #[test] functions count as well.
+#![allow(clippy::unwrap_used)]
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};

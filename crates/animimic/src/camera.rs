@@ -1,7 +1,11 @@
 //! Which camera looks at the model: a file, a preset, or found from the first frame.
 
 use crate::Error;
-use animimic_scene::{Camera, CameraFile, io};
+use crate::pictures::background_picture;
+use animimic_fit::camera::{CameraFit, CameraSearch, find_camera};
+use animimic_scene::{Asset, Camera, CameraFile, Image, Mask, io};
+use animimic_video::cues::Background;
+use animimic_video::flow::{self, FlowOptions, Gray};
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -119,6 +123,17 @@ pub fn from_file(path: &std::path::Path, width: u32, height: u32) -> Result<Came
     file.main = file.main.resized(width, height);
     file.views.iter_mut().for_each(|(_, c)| *c = c.resized(width, height));
     Ok(file)
+}
+
+/// Searches the camera that shows the rest model as in a video's first frame.
+///
+/// # Errors
+/// [`Error::Fit`] when the mask is empty or no camera explains it; the message says what to do.
+pub fn find(asset: &Asset, frame: &Image, mask: &Mask, background: &Background) -> Result<CameraFit, Error> {
+    let behind = background_picture(background, frame, 0);
+    let options = FlowOptions::default();
+    let flow = |a: &Image, b: &Image| flow::dis(&Gray::from_image(a), &Gray::from_image(b), &options).vectors;
+    Ok(find_camera(&CameraSearch { asset, frame, mask, background: &behind, flow: &flow })?)
 }
 
 /// Views to look at a result from: the input view turned by ±45° about the vertical through `target`.

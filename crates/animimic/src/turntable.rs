@@ -70,7 +70,8 @@ pub fn render(shoot: &Shoot, progress: &mut Progress) -> Result<usize, Error> {
         Some("png") => false,
         _ => return Err(Error::Input(format!("{}: name a .mp4 or .png file", shoot.out.display()))),
     };
-    if !(16..=4096).contains(&shoot.height_px) || !(shoot.fps > 0.0 && shoot.fps <= 240.0) || shoot.views.is_empty() {
+    let sound = (16..=4096).contains(&shoot.height_px) && shoot.fps > 0.0 && shoot.fps <= 240.0;
+    if !sound || shoot.views.is_empty() {
         return Err(Error::Input("views need a height of 16 to 4096 px and 1 to 240 frames per second".into()));
     }
     tell(progress, Event::Stage { name: "reading" })?;

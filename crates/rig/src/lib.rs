@@ -6,8 +6,10 @@
 pub mod anchor;
 pub mod fixtures;
 pub mod kinematics;
-pub mod solve_tree;
+pub mod proxy;
 pub mod smoothness;
+pub mod solve_tree;
 
 pub use anchor::{Anchor, AnchorColumns};
 pub use kinematics::{FramePose, Kinematics, Posed};
+pub use proxy::proxy;

@@ -22,7 +22,8 @@ use std::fmt::Write as _;
 
 /// Size, cells, E₀ [Pa], steps, recorded CPU seconds per step forward and backward of the faster baseline
 /// (projection on demand + PARDISO, quiet 2.1 GHz AVX-512 core, one thread).
-const PROBLEMS: [(&str, [usize; 3], f64, usize, [f64; 2]); 3] = [
+type Row = (&'static str, [usize; 3], f64, usize, [f64; 2]);
+const PROBLEMS: [Row; 3] = [
     ("1k", [20, 3, 3], 1e5, 60, [0.0255, 0.0068]),
     ("10k", [28, 8, 8], 1e6, 30, [0.307, 0.075]),
     ("50k", [52, 13, 13], 1e5, 8, [2.13, 0.607]),

@@ -234,8 +234,7 @@ fn build_chunks(mesh: &TetMesh, volume: &[f64], position: &[u32], pattern: &Bloc
         .collect();
     sorted.sort_unstable();
     let chunk = |tets: &[(u32, u32, [u32; 4])]| {
-        let mut chunk = Chunk::default();
-        chunk.vertices = tets.iter().flat_map(|t| t.2).collect();
+        let mut chunk = Chunk { vertices: tets.iter().flat_map(|t| t.2).collect(), ..Chunk::default() };
         chunk.vertices.sort_unstable();
         chunk.vertices.dedup();
         let block_of = |corners: &[u32; 4], (row, column): (usize, usize)| {

@@ -10,12 +10,15 @@ fn random(rng: &mut SplitMix64) -> DVec3 {
     DVec3::new(rng.normal(), rng.normal(), rng.normal())
 }
 
+/// Where a start puts a vertex, by its number and rest position.
+type Start<'a> = &'a dyn Fn(usize, DVec3) -> DVec3;
+
 #[test]
 fn a_body_recovers_from_any_collapsed_start() {
     let mesh = beam([6, 2, 2], [1.2, 0.4, 0.4]);
     let mut rng = SplitMix64(17);
     let noise: Vec<DVec3> = mesh.positions.iter().map(|_| random(&mut rng)).collect();
-    let starts: [(&str, &dyn Fn(usize, DVec3) -> DVec3); 6] = [
+    let starts: [(&str, Start); 6] = [
         // A millimetre of spread: exactly at F = 0 the stable neo-Hookean energy itself is stationary.
         ("point", &|v, _| DVec3::new(0.3, 0.2, 0.2) + 1e-3 * noise[v]),
         ("plane", &|_, p| DVec3::new(p.x, p.y, 0.2)),

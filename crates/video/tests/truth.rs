@@ -98,7 +98,7 @@ impl Truth {
             .collect();
         let faces = archive.need("faces").expect("there").to_f64();
         let faces = faces.chunks(3).map(|f| std::array::from_fn(|k| map[f[k] as usize])).collect();
-        let camera = io::camera_json::read(&case.join("camera.json")).expect("reads").main;
+        let camera = io::camera_json::read(case.join("camera.json")).expect("reads").main;
         Self { vertices, faces, camera }
     }
 

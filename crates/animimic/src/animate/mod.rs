@@ -17,8 +17,8 @@ pub use report::{ClipReport, LossCurve, Report};
 use crate::camera::{self, CameraChoice};
 use crate::event::{Event, Progress, tell};
 use crate::{Against, Error, evaluate};
-use animimic_fit::camera::find_camera;
-use animimic_scene::{Asset, Camera, CameraFile, Cues, Mask, Motion, Video, io};
+use animimic_rig::proxy;
+use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
 use animimic_video::cues;
 use std::path::Path;
 use std::time::Instant;
@@ -35,6 +35,16 @@ pub(crate) struct Take {
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
 }
+
+/// The model, and what of it is drawn and solved: itself, or a coarse stand-in for a dense mesh.
+#[derive(Clone, Copy)]
+struct Model<'a> {
+    asset: &'a Asset,
+    solved: &'a Asset,
+}
+
+/// Triangles of the stand-in: at working size more of them are smaller than a pixel.
+const PROXY_TRIANGLES: usize = 20_000;
 
 /// Wall time of each stage, in order.
 #[derive(Default)]
@@ -68,10 +78,12 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
+    let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
+    let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset) };
     let names = job.clip_names();
     let mut takes = Vec::new();
     for (index, name) in names.into_iter().enumerate() {
-        takes.push(take(job, &asset, index, name, &mut clock, progress)?);
+        takes.push(take(job, model, index, name, &mut clock, progress)?);
     }
     let mut clips = Vec::new();
     for take in &takes {
@@ -100,7 +112,7 @@ fn read_model(path: &Path) -> Result<Asset, Error> {
 /// Reads video number `index`, finds its cues, its camera and the motion in it.
 fn take(
     job: &Job,
-    asset: &Asset,
+    model: Model,
     index: usize,
     name: String,
     clock: &mut Clock,
@@ -125,10 +137,11 @@ fn take(
     let masks = given.unwrap_or(mask_cue.masks);
     let found = Cues { masks, tracks: tracks.unwrap_or_default(), depth, depth_kind };
     tell(progress, Event::Stage { name: "camera" })?;
-    let camera = clock.time("camera", || choose_camera(job, asset, &video, &found))?;
+    let camera = clock.time("camera", || choose_camera(job, model, &video, &found, &mask_cue.background))?;
     tell(progress, Event::Stage { name: "motion" })?;
-    let solved = clock
-        .time("motion", || motion::find(asset, &camera.main, &found, &mask_cue.background, &video, &name, progress))?;
+    let solved = clock.time("motion", || {
+        motion::find(model.solved, &camera.main, &found, &mask_cue.background, &video, &name, progress)
+    })?;
     Ok(Take {
         name,
         video,
@@ -142,30 +155,23 @@ fn take(
     })
 }
 
-fn choose_camera(job: &Job, asset: &Asset, video: &Video, found: &Cues) -> Result<CameraFile, Error> {
+fn choose_camera(
+    job: &Job,
+    model: Model,
+    video: &Video,
+    found: &Cues,
+    background: &cues::Background,
+) -> Result<CameraFile, Error> {
     let (width, height) = (video.frames[0].width as u32, video.frames[0].height as u32);
-    let (low, high) = asset.mesh.bounds();
+    let (low, high) = model.asset.mesh.bounds();
     let file = |main| CameraFile { main, fps: video.fps, views: Vec::new(), target: Some(0.5 * (low + high)) };
     match &job.camera {
         CameraChoice::File(path) => Ok(CameraFile { fps: video.fps, ..camera::from_file(path, width, height)? }),
         CameraChoice::Preset(name) => Ok(file(camera::preset(name, (low, high), width, height)?)),
-        CameraChoice::Auto => Ok(file(searched_camera(asset, video, &found.masks[0])?)),
+        CameraChoice::Auto => {
+            Ok(file(camera::find(model.solved, &video.frames[0], &found.masks[0], background)?.camera))
+        }
     }
-}
-
-/// The camera found from frame 0; refused where the model does not fit the object through it.
-fn searched_camera(asset: &Asset, video: &Video, mask: &Mask) -> Result<Camera, Error> {
-    /// Overlap below which the fit would start from a wrong picture of the model.
-    const LEAST_IOU: f64 = 0.8;
-    let found = find_camera(asset, &video.frames[0], mask)?;
-    if found.iou < LEAST_IOU {
-        return Err(Error::Input(format!(
-            "no camera fits: the best covers the object of frame 0 with an overlap of {:.2}; \
-             start the video with the model as it stands in its file, or give --camera FILE",
-            found.iou
-        )));
-    }
-    Ok(found.camera)
 }
 
 fn clip_report(asset: &Asset, take: &Take) -> Result<ClipReport, Error> {

@@ -46,8 +46,7 @@ pub fn creature() -> Example {
     let surface = surface_net::surface(|p| blend::distance(&primitives, p), body::LOW, body::HIGH, body::CELL);
     let skeleton = body::skeleton();
     let weights = blend::weights(&primitives, &surface, skeleton.joints.len());
-    let (mut mesh, source_vertex, texture) =
-        unwrap::unwrap(&surface, |p| blend::normal(&primitives, p), |p, n| paint::color(p, n));
+    let (mut mesh, source_vertex, texture) = unwrap::unwrap(&surface, |p| blend::normal(&primitives, p), paint::color);
     mesh.parts = vec![Part {
         name: "creature".into(),
         vertices: 0..mesh.positions.len(),

@@ -54,7 +54,7 @@ fn flatten(p: DVec3, direction: u8) -> DVec2 {
         1 => (p.x, p.z),
         _ => (p.x, p.y),
     };
-    DVec2::new(if direction % 2 == 0 { u } else { -u }, -v)
+    DVec2::new(if direction.is_multiple_of(2) { u } else { -u }, -v)
 }
 
 /// Chart and direction of each face, and the charts' bounds.

@@ -61,18 +61,18 @@ fn windowed_mean(values: &[f64], width: usize, height: usize) -> Vec<f64> {
         (0..=2 * RADIUS).map(|i| (-0.5 * ((i as f64 - RADIUS as f64) / SIGMA).powi(2)).exp()).collect();
     let sum: f64 = weights.iter().sum();
     let (inner_w, inner_h) = (width - 2 * RADIUS, height - 2 * RADIUS);
+    // One tap after the other over whole rows, so that the loops over x run in vector registers.
     let mut rows = vec![0.0; height * inner_w];
-    for y in 0..height {
-        for x in 0..inner_w {
-            rows[y * inner_w + x] =
-                weights.iter().enumerate().map(|(k, w)| w * values[y * width + x + k]).sum::<f64>() / sum;
+    for (row, source) in rows.chunks_exact_mut(inner_w).zip(values.chunks_exact(width)) {
+        for (k, w) in weights.iter().enumerate() {
+            row.iter_mut().zip(&source[k..]).for_each(|(out, v)| *out += w / sum * v);
         }
     }
     let mut out = vec![0.0; inner_h * inner_w];
-    for y in 0..inner_h {
-        for x in 0..inner_w {
-            out[y * inner_w + x] =
-                weights.iter().enumerate().map(|(k, w)| w * rows[(y + k) * inner_w + x]).sum::<f64>() / sum;
+    for (y, row) in out.chunks_exact_mut(inner_w).enumerate() {
+        for (k, w) in weights.iter().enumerate() {
+            let source = &rows[(y + k) * inner_w..(y + k + 1) * inner_w];
+            row.iter_mut().zip(source).for_each(|(out, v)| *out += w / sum * v);
         }
     }
     out

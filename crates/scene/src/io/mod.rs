@@ -1,6 +1,6 @@
 //! Files: one module per format, and the door through which all of them are read.
 //!
-//! A new format is one file with a type that implements [`Format`], and one word in [`FORMATS`].
+//! A new format is one file with a type that implements [`Format`], and one word in `FORMATS`.
 
 pub mod atomic;
 pub mod camera_json;

@@ -187,7 +187,7 @@ pub fn read_depth(path: &Path, kind: DepthKind) -> Result<(Vec<DepthMap>, DepthK
     };
     let stated = archive.get("kind").and_then(|a| a.to_f64().first().copied());
     let kind = match stated {
-        Some(k) if k == 1.0 => DepthKind::Inverse,
+        Some(1.0) => DepthKind::Inverse,
         Some(_) => DepthKind::Metric,
         None => kind,
     };

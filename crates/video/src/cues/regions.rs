@@ -121,6 +121,6 @@ mod tests {
         assert_eq!((found.len(), found[0].pixels.len(), found[0].x, found[0].y), (2, 49, (2, 8), (1, 7)));
         assert!(!found[0].touches_border(20, 10));
         let d = depth(&set, 20);
-        assert_eq!((d[5 + 20 * 4], d[2 + 20 * 1], d[0]), (4.0, 1.0, 0.0));
+        assert_eq!((d[5 + 20 * 4], d[2 + 20], d[0]), (4.0, 1.0, 0.0));
     }
 }

@@ -219,7 +219,8 @@ impl<'a> Template<'a> {
             best = (u, error);
             let step = [self.inverse[0] * bx + self.inverse[1] * by, self.inverse[1] * bx + self.inverse[2] * by];
             u = [u[0] - step[0], u[1] - step[1]];
-            if !(step[0].abs().max(step[1].abs()) > 0.01) {
+            let size = step[0].abs().max(step[1].abs());
+            if size.is_nan() || size <= 0.01 {
                 break;
             }
         }
