@@ -97,7 +97,8 @@ pub fn fit(
 
 fn check(input: &Input) -> Result<(), FitError> {
     let size = (input.camera.width as usize, input.camera.height as usize);
-    let wrong = |what: &str| Err(FitError::Input(format!("{what} do not have the camera's size {}×{}", size.0, size.1)));
+    let wrong =
+        |what: &str| Err(FitError::Input(format!("{what} do not have the camera's size {}×{}", size.0, size.1)));
     if input.frames.is_empty() || input.masks.len() != input.frames.len() || input.backgrounds.is_empty() {
         return Err(FitError::Input("a fit needs frames, one mask for each, and a background".into()));
     }
