@@ -131,7 +131,11 @@ fn take(
     tell(progress, Event::Stage { name: "masks" })?;
     let mask_cue = clock.time("masks", || Ok(cues::masks(&video, &cues::MaskOptions::default())))?;
     let given = job.masks.get(index).map(|p| crate::cues::masks_for(&video, p)).transpose()?;
-    let found = Cues { masks: given.unwrap_or(mask_cue.masks), ..Cues::default() };
+    let tracks = job.tracks.get(index).map(|p| crate::cues::tracks_for(&video, p)).transpose()?;
+    let (depth, depth_kind) =
+        job.depth.get(index).map(|p| crate::cues::depth_for(&video, p)).transpose()?.unwrap_or_default();
+    let masks = given.unwrap_or(mask_cue.masks);
+    let found = Cues { masks, tracks: tracks.unwrap_or_default(), depth, depth_kind };
     tell(progress, Event::Stage { name: "camera" })?;
     let camera = clock.time("camera", || choose_camera(job, model, &video, &found, &mask_cue.background))?;
     tell(progress, Event::Stage { name: "motion" })?;
