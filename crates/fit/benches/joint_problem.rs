@@ -10,8 +10,8 @@ use animimic_fit::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, 
 use animimic_rig::anchor::Share;
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::{Anchor, AnchorColumns, FramePose, Kinematics};
-use animimic_scene::Camera;
 use animimic_scene::io::npz::{self, Archive};
+use animimic_scene::{Camera, DepthKind};
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 use std::time::Instant;
 
@@ -146,7 +146,14 @@ fn assemble(scene: &Archive, problem: &Archive) -> Data {
         anchors,
         vertices,
         pixels: Pixels { targets: pixels, robust: Robust::Huber(2.0), weight: 1.0 },
-        depth: Depth { targets, sigma: 0.004, robust: Robust::Squared, weight: 1.0, affine: true },
+        depth: Depth {
+            targets,
+            sigma: 0.004,
+            robust: Robust::Squared,
+            weight: 1.0,
+            affine: true,
+            kind: DepthKind::Metric,
+        },
         truth: points(problem, "truth_verts"),
         frames,
     }

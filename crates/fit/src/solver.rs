@@ -291,6 +291,22 @@ mod tests {
         });
     }
 
+    #[test]
+    fn one_thread_and_three_give_the_same_bytes() {
+        each_range(|problem, poses, _, active| {
+            let with = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+                let mut moved = poses.to_vec();
+                let report = pool.install(|| solve(problem, &mut moved, active.clone(), &Options::default()));
+                (moved, report.energies)
+            };
+            let (one, three) = (with(1), with(3));
+            println!("frames {active:?}: energy {:?} after {} steps", one.1.last(), one.1.len() - 1);
+            assert_eq!(one, three);
+            assert!(one.1.last() < one.1.first() || one.1[0] == 0.0, "and it descends");
+        });
+    }
+
     fn pushed(anchor: &Anchor, kinematics: &Kinematics, posed: &Posed, v: &[f64]) -> DVec3 {
         DVec3::from_array(DVec3::AXES.map(|axis| {
             let mut row = Vec::new();

@@ -27,6 +27,12 @@ pub struct Animate {
     /// Masks made elsewhere (npz or folder of PNGs) instead of found ones; once per video
     #[arg(long = "mask", value_name = "FILE|DIR")]
     masks: Vec<PathBuf>,
+    /// Point tracks made elsewhere (npz: tracks, visibility, queries; pixels of the video's own size); once per video
+    #[arg(long = "tracks", value_name = "FILE")]
+    tracks: Vec<PathBuf>,
+    /// Depth made elsewhere (npz, or folder of 16-bit PNGs), up to scale and shift per frame; once per video
+    #[arg(long = "depth", value_name = "FILE|DIR")]
+    depth: Vec<PathBuf>,
     /// Height at which the video is worked on [px]; never enlarged
     #[arg(long, value_name = "PX", default_value_t = 512)]
     height: usize,
@@ -40,6 +46,8 @@ impl Animate {
             frames: self.frames.clone(),
             height_px: self.height,
             masks: self.masks.clone(),
+            tracks: self.tracks.clone(),
+            depth: self.depth.clone(),
             seed: common.seed,
             ..Job::new(&self.model, self.videos.clone(), &self.out)
         };
@@ -52,7 +60,8 @@ impl Animate {
             for clip in &report.clips {
                 let number = |key: &str| clip.metrics.get(key).and_then(|v| v.as_f64());
                 text += &format!("{}: {} frames", clip.name, clip.frames);
-                for (key, words) in [("iou_main", "mask IoU"), ("ssim", "SSIM"), ("psnr_box_db", "PSNR of the object")] {
+                for (key, words) in [("iou_main", "mask IoU"), ("ssim", "SSIM"), ("psnr_box_db", "PSNR of the object")]
+                {
                     if let Some(v) = number(key) {
                         text += &format!(", {words} {v:.3}");
                     }
@@ -68,7 +77,8 @@ impl Animate {
 /// `A..B`, `A..` or `..B`.
 fn range(text: &str) -> Result<Range<usize>, String> {
     let (a, b) = text.split_once("..").ok_or("write A..B, for example 0..48")?;
-    let number = |s: &str, default| if s.is_empty() { Ok(default) } else { s.parse::<usize>().map_err(|e| e.to_string()) };
+    let number =
+        |s: &str, default| if s.is_empty() { Ok(default) } else { s.parse::<usize>().map_err(|e| e.to_string()) };
     let (a, b) = (number(a, 0)?, number(b, usize::MAX)?);
     if b < a.saturating_add(2) { Err("at least two frames are needed".into()) } else { Ok(a..b) }
 }

@@ -36,7 +36,7 @@ pub(crate) struct Take {
     pub uncertain: Vec<String>,
 }
 
-/// The model, and what of it is drawn and solved: itself, or a coarse stand-in for a dense mesh.
+/// The model, and what of it is drawn, solved and measured: itself, or a coarse stand-in for a dense mesh.
 #[derive(Clone, Copy)]
 struct Model<'a> {
     asset: &'a Asset,
@@ -88,7 +88,7 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     let mut clips = Vec::new();
     for take in &takes {
         tell(progress, Event::Stage { name: "measuring" })?;
-        clips.push(clock.time("metrics", || clip_report(&asset, take))?);
+        clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
     let mut report = Report::new(job, &asset, clips);
     deliver::write(job, &asset, &takes, &mut report, &mut clock, progress)?;
@@ -131,7 +131,11 @@ fn take(
     tell(progress, Event::Stage { name: "masks" })?;
     let mask_cue = clock.time("masks", || Ok(cues::masks(&video, &cues::MaskOptions::default())))?;
     let given = job.masks.get(index).map(|p| crate::cues::masks_for(&video, p)).transpose()?;
-    let found = Cues { masks: given.unwrap_or(mask_cue.masks), ..Cues::default() };
+    let tracks = job.tracks.get(index).map(|p| crate::cues::tracks_for(&video, p)).transpose()?;
+    let (depth, depth_kind) =
+        job.depth.get(index).map(|p| crate::cues::depth_for(&video, p)).transpose()?.unwrap_or_default();
+    let masks = given.unwrap_or(mask_cue.masks);
+    let found = Cues { masks, tracks: tracks.unwrap_or_default(), depth, depth_kind };
     tell(progress, Event::Stage { name: "camera" })?;
     let camera = clock.time("camera", || choose_camera(job, model, &video, &found, &mask_cue.background))?;
     tell(progress, Event::Stage { name: "motion" })?;

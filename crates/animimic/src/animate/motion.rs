@@ -43,6 +43,9 @@ pub fn find(
         masks: &cues.masks,
         backgrounds: &backgrounds,
         flow: &flow,
+        tracks: Some(&cues.tracks).filter(|t| !t.query_frame.is_empty()),
+        depth: &cues.depth,
+        depth_kind: cues.depth_kind,
     };
     let mut step = |done: f64| -> ControlFlow<()> { progress(Event::Step { done, loss: None }) };
     let outcome = stage1::fit(&input, Settings::default(), name, video.fps, &mut step)?;

@@ -24,6 +24,10 @@ pub struct Job {
     pub height_px: usize,
     /// Masks made elsewhere (npz or folder of PNGs), in the order of the videos; missing ones are found.
     pub masks: Vec<PathBuf>,
+    /// Point tracks made elsewhere (npz), in the order of the videos.
+    pub tracks: Vec<PathBuf>,
+    /// Depth made elsewhere (npz or folder of 16-bit PNGs), in the order of the videos.
+    pub depth: Vec<PathBuf>,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -43,6 +47,8 @@ impl Job {
             frames: None,
             height_px: 512,
             masks: Vec::new(),
+            tracks: Vec::new(),
+            depth: Vec::new(),
             seed: 0,
         }
     }
@@ -55,8 +61,11 @@ impl Job {
         if self.clips.len() > self.videos.len() {
             return Err(Error::Input(format!("{} clip names for {} videos", self.clips.len(), self.videos.len())));
         }
-        if self.masks.len() > self.videos.len() {
-            return Err(Error::Input(format!("{} masks for {} videos", self.masks.len(), self.videos.len())));
+        for (what, count) in [("masks", self.masks.len()), ("tracks", self.tracks.len()), ("depths", self.depth.len())]
+        {
+            if count > self.videos.len() {
+                return Err(Error::Input(format!("{count} {what} for {} videos", self.videos.len())));
+            }
         }
         if !HEIGHTS_PX.contains(&self.height_px) {
             return Err(Error::Input(format!("working height {} px: use 64 to 2160", self.height_px)));

@@ -3,7 +3,7 @@
 use super::contour::Contour;
 use super::sight::Sight;
 use super::subject::Subject;
-use crate::terms::PixelTarget;
+use crate::terms::{DepthTarget, PixelTarget};
 use animimic_render::NONE;
 use animimic_rig::Anchor;
 use animimic_scene::{Image, Mask};
@@ -33,6 +33,10 @@ pub struct Correspondences {
     pub flow: Vec<PixelTarget>,
     /// From silhouettes.
     pub contour: Vec<PixelTarget>,
+    /// From given tracks.
+    pub tracks: Vec<PixelTarget>,
+    /// From given depth.
+    pub depth: Vec<DepthTarget>,
 }
 
 /// Surface points wanted per rendering.
@@ -184,7 +188,7 @@ fn color_distance(a: [u8; 3], b: [u8; 3]) -> f64 {
 }
 
 /// Whether background or another surface is within the margin.
-fn near_edge(subject: &Subject, sight: &Sight, x: usize, y: usize) -> bool {
+pub(super) fn near_edge(subject: &Subject, sight: &Sight, x: usize, y: usize) -> bool {
     let raster = &sight.raster;
     let Some(depth) = raster.depth(y * raster.width + x) else { return true };
     for dy in [-EDGE_MARGIN, 0, EDGE_MARGIN] {

@@ -7,6 +7,7 @@
 
 pub mod contour;
 pub mod correspond;
+pub mod given;
 pub mod search;
 pub mod settings;
 pub mod sight;
@@ -16,9 +17,10 @@ pub mod track;
 use crate::FitError;
 use animimic_render::{Light, rasterize_surface, solve_light};
 use animimic_rig::FramePose;
-use animimic_scene::{Asset, Camera, Image, Mask, Motion};
+use animimic_scene::{Asset, Camera, DepthKind, DepthMap, Image, Mask, Motion, Tracks};
 use contour::Contour;
 use correspond::{Flow, Frame, contour_bias};
+use given::Given;
 use rayon::prelude::*;
 pub use settings::Settings;
 use sight::{Sight, Studio};
@@ -41,6 +43,12 @@ pub struct Input<'a> {
     pub backgrounds: &'a [Image],
     /// Dense flow between two pictures.
     pub flow: &'a Flow<'a>,
+    /// Point tracks made elsewhere, in pixels of the camera; where they cover a frame they replace the flow.
+    pub tracks: Option<&'a Tracks>,
+    /// Depth made elsewhere \[frame\], of any size; empty if there is none.
+    pub depth: &'a [DepthMap],
+    /// What the depth values mean.
+    pub depth_kind: DepthKind,
 }
 
 /// What stage 1 found.
@@ -101,6 +109,23 @@ fn check(input: &Input) -> Result<(), FitError> {
     if input.masks.iter().any(|m| (m.width, m.height) != size) {
         return wrong("masks");
     }
+    check_given(input)
+}
+
+fn check_given(input: &Input) -> Result<(), FitError> {
+    let count = input.frames.len();
+    if !input.depth.is_empty() && input.depth.len() != count {
+        return Err(FitError::Input(format!("{} depth maps for {count} frames", input.depth.len())));
+    }
+    if input.depth.iter().any(|m| m.width == 0 || m.values.len() != m.width * m.height || m.values.is_empty()) {
+        return Err(FitError::Input("a depth map does not hold one value a pixel".into()));
+    }
+    let Some(tracks) = input.tracks else { return Ok(()) };
+    let points = tracks.query_frame.len();
+    let rows = tracks.pixels.iter().map(Vec::len).chain(tracks.confidence.iter().map(Vec::len));
+    if tracks.pixels.len() != count || tracks.confidence.len() != count || rows.into_iter().any(|n| n != points) {
+        return Err(FitError::Input(format!("tracks do not hold {points} points in each of {count} frames")));
+    }
     Ok(())
 }
 
@@ -128,5 +153,6 @@ pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, 
     let studio = Studio { camera: input.camera, light };
     let first = Sight::draw(subject, &studio, frames[0].background, &subject.tree.kinematics.rest());
     let contour_bias_px = contour_bias(&first, &frames[0]);
-    Stage { subject, studio, frames, flow: input.flow, settings, contour_bias_px }
+    let given = Given::new(input.tracks, input.depth, input.depth_kind, subject, input.camera, &first);
+    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px }
 }

@@ -7,6 +7,10 @@ pub struct Settings {
     pub flow: f64,
     /// Weight of a mean contour residual [1/px²].
     pub contour: f64,
+    /// Weight of a mean residual of given tracks [1/px²].
+    pub tracks: f64,
+    /// Weight of a mean residual of given depth [1/σ²].
+    pub depth: f64,
     /// First temporal differences [1/diagonal²].
     pub velocity: f64,
     /// Second temporal differences [1/diagonal²].
@@ -44,6 +48,8 @@ impl Default for Settings {
         Self {
             flow: 300.0,
             contour: 150.0,
+            tracks: 1000.0,
+            depth: 300.0,
             velocity: 2000.0,
             acceleration: 1500.0,
             view_axis: 5.0,

@@ -1,6 +1,7 @@
 //! Frame by frame: draw the model where it is believed to be, see where its points went, move it there.
 
 use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
+use super::given::Given;
 use super::search::{Small, mismatch, swing_limbs};
 use super::settings::Settings;
 use super::sight::{Sight, Studio};
@@ -8,7 +9,7 @@ use super::subject::Subject;
 use crate::FitError;
 use crate::robust::Robust;
 use crate::solver::{Options, Problem, Smoothness, solve};
-use crate::terms::{Context, JointPrior, JointPriors, Pixels};
+use crate::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, Pixels};
 use animimic_rig::{AnchorColumns, FramePose};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -24,6 +25,8 @@ pub struct Stage<'a> {
     pub frames: Vec<Frame<'a>>,
     /// Dense flow between two pictures.
     pub flow: &'a Flow<'a>,
+    /// Tracks and depth made elsewhere.
+    pub given: Given<'a>,
     /// Constants.
     pub settings: Settings,
     /// How far the masks' contours lie outside the rendered ones where both show the same [px]; see [`contour_bias`].
@@ -40,7 +43,10 @@ impl Stage<'_> {
     pub fn correspond(&self, pose: &FramePose, frame: usize, reach_px: f64) -> Correspondences {
         let sight = self.draw(pose, frame);
         let mut found = Correspondences::default();
-        by_flow(self.subject, &sight, &self.frames[frame], self.flow, &mut found);
+        if !self.given.add_tracks(frame, &mut found) {
+            by_flow(self.subject, &sight, &self.frames[frame], self.flow, &mut found);
+        }
+        self.given.add_depth(self.studio.camera, frame, &mut found);
         by_contour(self.subject, &sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
         found
     }
@@ -60,12 +66,28 @@ impl Stage<'_> {
         let mut flow =
             Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
         let mut contour = Pixels { weight: s.contour, ..flow.clone() };
+        let mut tracks = Pixels { weight: s.tracks, ..flow.clone() };
+        let mut depth = Depth {
+            targets: vec![Vec::new(); poses.len()],
+            sigma: self.given.depth_sigma(),
+            robust: Robust::Huber(DEPTH_HUBER),
+            weight: s.depth,
+            affine: true,
+            kind: self.given.kind,
+        };
         for (t, c) in active.clone().zip(found) {
             let base = anchors.len() as u32;
             anchors.extend(c.anchors.iter().cloned());
-            for (source, target) in [(&c.flow, &mut flow), (&c.contour, &mut contour)] {
-                // Mean over the frame's targets: the weights do not depend on how many points were found.
-                let scale = 1.0 / source.len().max(100) as f64;
+            // Mean over the frame's targets: the weights do not depend on how many points were found.
+            let mean = |count: usize| 1.0 / count.max(100) as f64;
+            let scale = mean(c.depth.len());
+            depth.targets[t].extend(c.depth.iter().map(|d| DepthTarget {
+                anchor: d.anchor + base,
+                weight: d.weight * scale,
+                ..*d
+            }));
+            for (source, target) in [(&c.flow, &mut flow), (&c.contour, &mut contour), (&c.tracks, &mut tracks)] {
+                let scale = mean(source.len());
                 target.targets[t].extend(source.iter().map(|p| crate::terms::PixelTarget {
                     anchor: p.anchor + base,
                     weight: p.weight * scale,
@@ -78,7 +100,7 @@ impl Stage<'_> {
         let smoothness = self.smoothness();
         let problem = Problem {
             context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
-            terms: vec![&flow, &contour, &priors],
+            terms: vec![&flow, &contour, &tracks, &depth, &priors],
             smoothness: Some(&smoothness),
         };
         let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
@@ -149,6 +171,9 @@ impl Stage<'_> {
                     poses = trial;
                 }
             }
+            if self.given.starts_in(t) {
+                self.given.anchor(self.subject, self.studio.camera, &self.draw(&poses[t], t), t);
+            }
             if progress(t).is_break() {
                 return Err(FitError::Stopped);
             }
@@ -204,5 +229,7 @@ impl Stage<'_> {
     }
 }
 
+/// Huber threshold of depth residuals [σ].
+const DEPTH_HUBER: f64 = 2.0;
 /// Share of the last velocity that a prediction keeps.
 const VELOCITY_KEPT: f64 = 0.9;

@@ -1,11 +1,12 @@
 //! Observed depth with unknown scale and shift per frame.
 //!
-//! E = Σ w ρ((a z(x) + b − d)/σ), a and b eliminated in closed form (variable projection, Golub & Pereyra 1973). Fitted in
+//! E = Σ w ρ((a f(z(x)) + b − d)/σ), f(z) = z for metric depth and 1/z for inverse depth, a and b eliminated in closed form (variable projection, Golub & Pereyra 1973). Fitted in
 //! observed-depth space: the other direction lets the model collapse flat.
 
 use super::{At, Context, Term};
 use crate::normal::NormalEquations;
 use crate::robust::Robust;
+use animimic_scene::DepthKind;
 
 /// One anchor's observed depth in one frame.
 #[derive(Clone, Copy, Debug)]
@@ -25,16 +26,20 @@ pub struct Depth {
     pub targets: Vec<Vec<DepthTarget>>,
     /// Standard deviation of the observed depth, in its own unit.
     pub sigma: f64,
-    /// Loss of (a z + b − d)/σ.
+    /// Loss of (a f(z) + b − d)/σ.
     pub robust: Robust,
     /// Overall weight.
     pub weight: f64,
     /// Whether scale and shift are unknown (estimated depth) or 1 and 0 (measured depth).
     pub affine: bool,
+    /// What the values mean: f.
+    pub kind: DepthKind,
 }
 
-/// Below this variance of depth within a frame [model unit²] the scale is not determined.
-const LEAST_VARIANCE: f64 = 1e-9;
+/// Where the variance of f(z) within a frame is below this share of its mean square, the scale is not determined.
+const LEAST_VARIANCE: f64 = 1e-12;
+/// Inverse depth is taken no nearer than this [model unit]: it is singular at the camera.
+const NEAREST_DEPTH: f64 = 1e-6;
 
 /// Reweighting of scale and shift ends here at the latest.
 const MAX_AFFINE_ITERATIONS: usize = 50;
@@ -42,13 +47,32 @@ const MAX_AFFINE_ITERATIONS: usize = 50;
 struct Fit {
     scale: f64,
     shift: f64,
+    /// f(z) \[target\].
     depths: Vec<f64>,
 }
 
 impl Depth {
+    /// f(z).
+    fn reading(&self, z: f64) -> f64 {
+        match self.kind {
+            DepthKind::Metric => z,
+            DepthKind::Inverse => 1.0 / z.max(NEAREST_DEPTH),
+        }
+    }
+
+    /// f'(z) at a value of f.
+    fn slope(&self, reading: f64) -> f64 {
+        match self.kind {
+            DepthKind::Metric => 1.0,
+            DepthKind::Inverse => -reading * reading,
+        }
+    }
+
     fn fit(&self, context: &Context, at: &At) -> Fit {
         let targets = &self.targets[at.frame];
-        let axis = |t: &DepthTarget| context.camera.to_view(context.anchors[t.anchor as usize].position(at.posed)).z;
+        let axis = |t: &DepthTarget| {
+            self.reading(context.camera.to_view(context.anchors[t.anchor as usize].position(at.posed)).z)
+        };
         let depths: Vec<f64> = targets.iter().map(axis).collect();
         if !self.affine {
             return Fit { scale: 1.0, shift: 0.0, depths };
@@ -66,7 +90,7 @@ impl Depth {
             let (mz, md) = (mean(&|i| depths[i]), mean(&|i| targets[i].depth));
             let covariance = mean(&|i| (depths[i] - mz) * (targets[i].depth - md));
             let variance = mean(&|i| (depths[i] - mz).powi(2));
-            let next = covariance / (variance + LEAST_VARIANCE / w);
+            let next = covariance / (variance + LEAST_VARIANCE * mz * mz).max(1e-300);
             let change = (next - scale).abs();
             (scale, shift) = (next, md - next * mz);
             if change <= 1e-13 * scale.abs() || (iteration > 0 && self.robust == Robust::Squared) {
@@ -100,12 +124,13 @@ impl Term for Depth {
         let mut inner = [0.0; 3];
         let mut row = Vec::new();
         for (t, &z) in self.targets[at.frame].iter().zip(&fit.depths) {
+            let slope = self.slope(z) * fit.scale / self.sigma;
             let r = (fit.scale * z + fit.shift - t.depth) / self.sigma;
             let w = self.weight * t.weight * self.robust.weight(r.abs());
             row.clear();
             let anchor = &context.anchors[t.anchor as usize];
             let columns = &context.columns[t.anchor as usize];
-            anchor.push_row(columns, context.kinematics, at.posed, axis * (fit.scale / self.sigma), &mut row);
+            anchor.push_row(columns, context.kinematics, at.posed, axis * slope, &mut row);
             normal.add_row(&row, r, w);
             for &(i, v) in &row {
                 coupling[0][i] += w * v * z;
@@ -122,7 +147,7 @@ impl Term for Depth {
 /// H −= C (AᵀWA)⁻¹ Cᵀ for a 2×2 inner matrix, through its Cholesky factor.
 fn eliminate(normal: &mut NormalEquations, coupling: &[Vec<f64>; 2], inner: [f64; 3]) {
     let [zz, z, one] = inner;
-    if one <= 0.0 || zz - z * z / one <= LEAST_VARIANCE {
+    if one <= 0.0 || zz - z * z / one <= LEAST_VARIANCE * zz {
         return;
     }
     normal.add_outer(&coupling[1], -1.0 / one);

@@ -58,6 +58,7 @@ mod tests {
     use animimic_math::so3;
     use animimic_rig::fixtures::{creature, creature_with_stray_weight};
     use animimic_rig::solve_tree::SolveTree;
+    use animimic_scene::DepthKind;
     use glam::{DVec2, DVec3};
 
     const LOSSES: [Robust; 3] = [Robust::Squared, Robust::Huber(2.0), Robust::GemanMcClure(4.0)];
@@ -82,21 +83,26 @@ mod tests {
                 LOSSES.map(of).into()
             }
             "depth" => {
-                let mut targets = |scale: f64, shift: f64| -> Vec<DepthTarget> {
+                let mut targets = |scale: f64, shift: f64, power: i32| -> Vec<DepthTarget> {
                     (0..count)
                         .map(|i| DepthTarget {
                             anchor: i as u32,
-                            depth: scale * context.camera.to_view(at(i)).z + shift + 0.1 * rng.normal(),
+                            depth: scale * context.camera.to_view(at(i)).z.powi(power) + shift + 0.1 * rng.normal(),
                             weight: 0.2 + rng.uniform(),
                         })
                         .collect()
                 };
-                let both = [(targets(0.4, 0.3), true), (targets(1.0, 0.0), false)];
-                let of = |robust, (targets, affine): &(Vec<DepthTarget>, bool)| {
+                let kinds = [
+                    (targets(0.4, 0.3, 1), true, DepthKind::Metric),
+                    (targets(1.0, 0.0, 1), false, DepthKind::Metric),
+                    (targets(9.0, 0.3, -1), true, DepthKind::Inverse),
+                ];
+                let of = |robust, (targets, affine, kind): &(Vec<DepthTarget>, bool, DepthKind)| {
                     let targets = vec![targets.clone()];
-                    Box::new(Depth { targets, sigma: 0.05, robust, weight: 0.7, affine: *affine }) as Box<dyn Term>
+                    Box::new(Depth { targets, sigma: 0.05, robust, weight: 0.7, affine: *affine, kind: *kind })
+                        as Box<dyn Term>
                 };
-                LOSSES.iter().flat_map(|&robust| both.iter().map(move |b| of(robust, b))).collect()
+                LOSSES.iter().flat_map(|&robust| kinds.iter().map(move |k| of(robust, k))).collect()
             }
             "joint_prior" => {
                 let mut any = || DVec3::new(rng.normal(), rng.normal(), rng.normal());
