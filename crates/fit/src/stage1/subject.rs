@@ -4,7 +4,7 @@ use animimic_render::{RenderError, Surface};
 use animimic_rig::limbs::{Limb, limbs};
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::solve_tree::SolveTree;
-use animimic_rig::{Anchor, AnchorColumns, FramePose, Posed};
+use animimic_rig::{Anchor, FramePose, Posed};
 use animimic_scene::{Asset, Pose};
 use glam::DVec3;
 
@@ -20,8 +20,6 @@ pub struct Subject<'a> {
     pub surface: Surface,
     /// Pseudo-anchors of all vertices, for smoothness.
     pub pseudo: Vec<Anchor>,
-    /// Their Jacobian structure.
-    pub pseudo_columns: Vec<AnchorColumns>,
     /// Chains that can be swung as a whole.
     pub limbs: Vec<Limb>,
     /// Sideways direction of the body: the axis about which most limbs hinge, if they agree.
@@ -39,7 +37,6 @@ impl<'a> Subject<'a> {
         let tree = SolveTree::new(&asset.rig, &asset.mesh);
         let vertices = tree.vertex_anchors(&asset.rig);
         let pseudo = pseudo_anchors(&vertices, tree.kinematics.len());
-        let pseudo_columns = pseudo.iter().map(|a| a.columns(&tree.kinematics)).collect();
         let diagonal = asset.mesh.diagonal();
         let limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
         Ok(Self {
@@ -51,7 +48,6 @@ impl<'a> Subject<'a> {
             tree,
             vertices,
             pseudo,
-            pseudo_columns,
         })
     }
 
