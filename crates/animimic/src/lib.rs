@@ -19,6 +19,7 @@ pub mod turntable;
 
 pub use animate::{Job, Report, animate};
 pub use animimic_scene as scene;
+pub use animimic_sim as sim;
 pub use error::Error;
 pub use evaluate::{Against, Evaluation, evaluate};
 pub use event::{Event, Progress};

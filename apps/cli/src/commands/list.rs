@@ -14,6 +14,8 @@ enum Kind {
     Metrics,
     /// Camera presets
     Cameras,
+    /// Constitutive models of soft tissue
+    Models,
 }
 
 impl List {
@@ -30,6 +32,9 @@ impl List {
                 .iter()
                 .map(|p| (format!("preset:{}", p.name), p.summary.to_owned()))
                 .collect(),
+            Kind::Models => {
+                animimic::sim::Model::ALL.iter().map(|m| (m.name().to_owned(), m.about().to_owned())).collect()
+            }
         };
         let json = rows.iter().map(|(name, words)| serde_json::json!({"name": name, "summary": words})).collect();
         out::print(common, &serde_json::Value::Array(json), || {
