@@ -1,8 +1,8 @@
 //! The camera that shows the model, at rest, as it stands in frame 0.
 //!
-//! 1. [`search`]: silhouettes over fields of view × azimuths × elevations at low resolution; distance and shift in closed form.
-//! 2. [`refine`]: seven parameters (rotation, translation, focal length) by Levenberg–Marquardt, first on silhouettes alone.
-//! 3. [`judge`]: what silhouettes leave open (front or back, left or right) is decided by appearance under the best light.
+//! 1. `search`: silhouettes over fields of view × azimuths × elevations at low resolution; distance and shift in closed form.
+//! 2. `refine`: seven parameters (rotation, translation, focal length) by Levenberg–Marquardt, first on silhouettes alone.
+//! 3. `judge`: what silhouettes leave open (front or back, left or right) is decided by appearance under the best light.
 //! 4. The best few are refined again, with dense flow from rendering to frame as well, and judged again.
 //!
 //! Lens distortion and a principal point off the picture's centre are deliberately absent: generated videos have neither.
@@ -41,7 +41,7 @@ pub struct CameraFit {
     pub camera: Camera,
     /// Intersection over union of the model's silhouette and the mask.
     pub iou: f64,
-    /// How unlike frame 0 the model looks under the best light, in [0, 1]; see [`judge`].
+    /// How unlike frame 0 the model looks under the best light, in [0, 1]; see `judge`.
     pub unlikeness: f64,
     /// The same for the best camera that looks from a clearly different direction; close to `unlikeness` means a guess.
     pub runner_up: Option<f64>,

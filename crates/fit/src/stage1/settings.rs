@@ -51,7 +51,7 @@ impl Default for Settings {
             tracks: 1000.0,
             depth: 300.0,
             velocity: 2000.0,
-            acceleration: 1500.0,
+            acceleration: 5000.0,
             view_axis: 5.0,
             rest: 30.0,
             first_frame: 1e4,
