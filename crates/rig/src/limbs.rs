@@ -1,7 +1,8 @@
 //! Limbs and hinges, read off the rest pose.
 //!
 //! A limb is a chain of joints from below a branching to a tip. Where it is bent at rest, it bends on in the same plane:
-//! the normal of that plane is its hinge axis (a knee, an elbow, a hock).
+//! the normal of that plane is its hinge axis (a knee, an elbow, a hock). Only limbs beside the body hinge: a neck or a tail
+//! that is bent at rest turns to all sides.
 
 use crate::kinematics::Kinematics;
 use glam::DVec3;
@@ -13,7 +14,7 @@ pub struct Limb {
     pub joints: Vec<usize>,
     /// Those of `joints` that carry a bone long enough to be seen turning.
     pub levers: Vec<usize>,
-    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb.
+    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one in the middle plane.
     pub hinge: Option<DVec3>,
 }
 
@@ -21,6 +22,8 @@ pub struct Limb {
 const SHORTEST_LEVER: f64 = 0.04;
 /// A chain is bent where directions differ by more than this [rad].
 const LEAST_BEND_RAD: f64 = 0.2;
+/// A limb is beside the body when it lies this far from the root along its hinge [rest diagonal].
+const BESIDE: f64 = 0.02;
 
 /// All limbs. `tips` are the farthest surface points of each joint's own geometry, used as the end of the last bone.
 pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb> {
@@ -46,7 +49,9 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
         if levers.is_empty() {
             continue;
         }
-        let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal);
+        let center = levers.iter().map(|&j| kinematics.pivots[j]).sum::<DVec3>() / levers.len() as f64;
+        let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal)
+            .filter(|h| h.dot(center - kinematics.pivots[0]).abs() > BESIDE * diagonal);
         limbs.push(Limb { joints, levers, hinge });
     }
     limbs
@@ -91,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bent_leg_hinges_about_the_normal_of_its_plane_and_a_straight_tail_does_not() {
+    fn a_bent_leg_hinges_about_the_normal_of_its_plane_and_a_tail_or_a_neck_does_not() {
         let pivots = vec![
             DVec3::ZERO,
             DVec3::new(0.2, 0.0, 0.0),
@@ -99,13 +104,17 @@ mod tests {
             DVec3::new(0.2, -1.0, -0.1),
             DVec3::new(0.0, 0.0, -0.3),
             DVec3::new(0.0, 0.0, -0.8),
+            DVec3::new(0.0, 0.3, 0.5),
+            DVec3::new(0.0, 0.8, 0.5),
         ];
-        let parents = vec![None, Some(0), Some(1), Some(2), Some(0), Some(4)];
-        let tips: Vec<DVec3> = pivots.iter().map(|p| *p + DVec3::new(0.0, 0.0, -0.01)).collect();
-        let tree = Kinematics::new(parents, pivots, vec![true; 6], vec![false; 6]);
+        let parents = vec![None, Some(0), Some(1), Some(2), Some(0), Some(4), Some(0), Some(6)];
+        let mut tips: Vec<DVec3> = pivots.iter().map(|p| *p + DVec3::new(0.0, 0.0, -0.01)).collect();
+        tips[7] = DVec3::new(0.0, 0.8, 1.0);
+        let tree = Kinematics::new(parents, pivots, vec![true; 8], vec![false; 8]);
         let found = limbs(&tree, &tips, 1.5);
-        assert_eq!(found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(), [vec![1, 2, 3], vec![4, 5]]);
+        assert_eq!(found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(), [vec![1, 2, 3], vec![4, 5], vec![6, 7]]);
         assert!(found[0].hinge.expect("bent").x.abs() > 0.99);
         assert!(found[1].hinge.is_none());
+        assert!(found[2].hinge.is_none(), "a bent neck turns to all sides");
     }
 }
