@@ -138,6 +138,7 @@ pub fn first_light(input: &Input, subject: &Subject) -> Result<Light, FitError> 
 
 /// Gathers what tracking and refinement need.
 pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, settings: Settings) -> Stage<'a> {
+    let settings = if input.depth.is_empty() { settings } else { settings.with_known_depth() };
     let frames: Vec<Frame> = input
         .frames
         .par_iter()
