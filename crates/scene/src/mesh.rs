@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 /// A triangle mesh: the parts of the source file, concatenated in the order (node, primitive).
 ///
 /// `positions` are in *displayed world space at rest*: what a viewer shows when it opens the file (node transforms and
-/// skin applied). Vertices are the file's own, split at seams; [`Mesh::welded`] joins those that share a position.
+/// skin applied). Vertices are the file's own, split at seams; [`Mesh::welded`] joins those that seams split.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// Rest positions in displayed world space [model unit], per vertex.
@@ -21,7 +21,7 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// The file's primitives: contiguous ranges of `positions` and `triangles`.
     pub parts: Vec<Part>,
-    /// Vertex → welded vertex (equal rest position), `0..welded_count`.
+    /// Vertex → welded vertex (equal stored position and, in a rigged file, equal influences), `0..welded_count`.
     pub welded: Vec<u32>,
     /// Number of distinct positions.
     pub welded_count: usize,

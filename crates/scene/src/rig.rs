@@ -4,7 +4,7 @@
 //! scene node that moves a vertex (and its ancestors) is a [`Joint`]; every vertex lists influences by [`Slot`], a joint
 //! with an inverse bind matrix. A rigid part is a slot with the identity as inverse bind.
 
-use glam::{DAffine3, DMat3, DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Translation, rotation and scale of a joint relative to its parent: `T · R · S` as in glTF.
@@ -131,9 +131,4 @@ impl Rig {
         joints.dedup();
         joints.len() > 1
     }
-}
-
-/// Linear part of an affine map.
-pub fn linear(a: &DAffine3) -> DMat3 {
-    a.matrix3
 }
