@@ -20,6 +20,8 @@ pub mod turntable;
 pub use animate::{Job, Report, animate};
 pub use animimic_scene as scene;
 pub use animimic_sim as sim;
+pub use animimic_video::cues::providers::PROVIDERS as CUE_PROVIDERS;
+pub use animimic_video::cues::providers::Provider as CueProvider;
 pub use error::Error;
 pub use evaluate::{Against, Evaluation, evaluate};
 pub use event::{Event, Progress};

@@ -1,81 +1,13 @@
-//! Masks, flow and tracks against renders of known motion.
+//! Flow and tracks against renders of known motion.
 mod support;
 
-use animimic_scene::{Camera, Mask, io};
+use animimic_scene::{Camera, io};
 use animimic_video::cues::{MaskOptions, TrackOptions, masks, tracks};
 use animimic_video::flow::{FlowOptions, Gray, dis, neighbours};
 use animimic_video::{ReadOptions, read};
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use support::*;
-
-fn cases() -> Vec<PathBuf> {
-    let Some(folder) = shared("data/gt") else { return Vec::new() };
-    let only = std::env::var("CASE").ok();
-    let mut list: Vec<PathBuf> = std::fs::read_dir(folder).expect("listed").flatten().map(|e| e.path()).collect();
-    list.retain(|p| p.join("gt.npz").exists() && only.as_ref().is_none_or(|o| p.ends_with(o)));
-    list.sort();
-    list
-}
-
-fn name(path: &Path) -> String {
-    path.file_name().expect("named").to_string_lossy().into_owned()
-}
-
-/// Bit-packed masks [frame].
-fn unpack(array: &io::npz::Array, width: usize) -> Vec<Mask> {
-    let bits = array.to_u8().expect("bytes");
-    let (n, h, stride) = (array.shape[0], array.shape[1], array.shape[2]);
-    let bit = |t: usize, x: usize, y: usize| bits[(t * h + y) * stride + x / 8] >> (7 - x % 8) & 1;
-    (0..n)
-        .map(|t| {
-            let coverage = (0..width * h).map(|i| 255 * bit(t, i % width, i / width)).collect();
-            Mask { width, height: h, coverage }
-        })
-        .collect()
-}
-
-#[test]
-fn masks_agree_with_the_renderers_coverage() {
-    let mut failures = Vec::new();
-    for case in cases() {
-        let video = read(&case.join("video.mp4"), &ReadOptions::default()).expect("reads");
-        let truth = unpack(io::npz::read(case.join("masks.npz")).expect("reads").need("main").expect("there"), 512);
-        let cue = masks(&video, &MaskOptions::default());
-        let ious: Vec<f64> = cue.masks.iter().zip(&truth).map(|(a, b)| a.iou(b)).collect();
-        let mean = ious.iter().sum::<f64>() / ious.len() as f64;
-        let worst = ious.iter().copied().fold(1.0, f64::min);
-        let bias =
-            cue.masks.iter().map(Mask::area).sum::<usize>() as f64 / truth.iter().map(Mask::area).sum::<usize>() as f64;
-        println!(
-            "{:18} IoU {mean:.4}, worst {worst:.4}, area ratio {bias:.4}, confidence {:.2}",
-            name(&case),
-            cue.confidence[0]
-        );
-        // White clothes, lit to exactly the background's grey: the silhouette is not in the pixels there.
-        let floor = if name(&case) == "cesium_man_walk" { 0.93 } else { 0.985 };
-        if mean < floor {
-            failures.push(name(&case));
-        }
-    }
-    assert!(failures.is_empty(), "{failures:?}");
-}
-
-#[test]
-fn masks_agree_with_a_segmentation_network_on_real_videos() {
-    for case in ["fish", "crocodile"] {
-        let Some(folder) = shared(&format!("data/real/{case}")) else { return };
-        let video = read(&folder.join("input.mp4"), &ReadOptions::default()).expect("reads");
-        let archive = io::npz::read(folder.join("masks.npz")).expect("reads");
-        let truth = unpack(archive.need("masks").expect("there"), 960);
-        let frames: Vec<usize> = archive.need("frames").expect("there").to_f64().iter().map(|&f| f as usize).collect();
-        let cue = masks(&video, &MaskOptions::default());
-        let ious: Vec<f64> = frames.iter().zip(&truth).map(|(&f, t)| cue.masks[f].iou(t)).collect();
-        let mean = ious.iter().sum::<f64>() / ious.len() as f64;
-        println!("{case}: IoU {mean:.4}, worst {:.4}", ious.iter().copied().fold(1.0, f64::min));
-        assert!(mean >= 0.95);
-    }
-}
 
 /// The true motion of a case.
 struct Truth {
@@ -149,15 +81,10 @@ fn median(values: &mut [f32]) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(f32::NAN)
 }
 
-/// CPU time of this thread so far [ms]; 0 where the system does not tell.
-fn cpu_ms() -> f64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) / 1e6
-}
-
 #[test]
 fn flow_follows_the_true_motion() {
     let mut all = (0.0, 0usize, 0usize);
+    let mut worst = 1.0f64;
     for case in cases() {
         let video = read(&case.join("video.mp4"), &ReadOptions::default()).expect("reads");
         let truth = Truth::read(&case);
@@ -190,12 +117,13 @@ fn flow_follows_the_true_motion() {
             sum / count as f64,
             100.0 * within as f64 / count as f64
         );
+        worst = worst.min(within as f64 / count.max(1) as f64);
         all = (all.0 + sum, all.1 + within, all.2 + count);
     }
     if all.2 > 0 {
         let (epe, share) = (all.0 / all.2 as f64, all.1 as f64 / all.2 as f64);
         println!("all: EPE {epe:.3} px, {:.1} % within 2 px", 100.0 * share);
-        assert!(share > 0.75);
+        assert!(share > 0.88 && worst > 0.74, "{share}, {worst}");
     }
 }
 

@@ -14,6 +14,8 @@ enum Kind {
     Metrics,
     /// Camera presets
     Cameras,
+    /// Ways to get masks, tracks and depth
+    Cues,
     /// Constitutive models of soft tissue
     Models,
 }
@@ -32,6 +34,9 @@ impl List {
                 .iter()
                 .map(|p| (format!("preset:{}", p.name), p.summary.to_owned()))
                 .collect(),
+            Kind::Cues => {
+                animimic::CUE_PROVIDERS.iter().map(|p| (p.name().to_owned(), p.summary().to_owned())).collect()
+            }
             Kind::Models => {
                 animimic::sim::Model::ALL.iter().map(|m| (m.name().to_owned(), m.about().to_owned())).collect()
             }

@@ -34,6 +34,6 @@ commands! {
     render::Render,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
-    /// List what there is of a kind: formats, metrics, cameras
+    /// List what there is of a kind: formats, metrics, cameras, cues, models
     list::List,
 }

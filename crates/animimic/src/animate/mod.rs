@@ -15,12 +15,13 @@ pub use options::Job;
 pub use report::{ClipReport, LossCurve, Report};
 
 use crate::camera::{self, CameraChoice};
+use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
 use crate::{Against, Error, evaluate};
 use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
 use animimic_video::cues;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// One video with all that was found out about it.
@@ -129,25 +130,30 @@ fn take(
         tell(progress, Event::Warning(format!("{name}: {warning}")))?;
     }
     tell(progress, Event::Stage { name: "masks" })?;
-    let mask_cue = clock.time("masks", || Ok(cues::masks(&video, &cues::MaskOptions::default())))?;
-    let given = job.masks.get(index).map(|p| crate::cues::masks_for(&video, p)).transpose()?;
-    let tracks = job.tracks.get(index).map(|p| crate::cues::tracks_for(&video, p)).transpose()?;
-    let (depth, depth_kind) =
-        job.depth.get(index).map(|p| crate::cues::depth_for(&video, p)).transpose()?.unwrap_or_default();
-    let masks = given.unwrap_or(mask_cue.masks);
-    let found = Cues { masks, tracks: tracks.unwrap_or_default(), depth, depth_kind };
+    let given = Given {
+        masks: job.masks.get(index).map(PathBuf::as_path),
+        tracks: job.tracks.get(index).map(PathBuf::as_path),
+        depth: job.depth.get(index).map(PathBuf::as_path),
+    };
+    let mut found = clock.time("masks", || crate::cues::find(&video, &given))?;
     tell(progress, Event::Stage { name: "camera" })?;
-    let camera = clock.time("camera", || choose_camera(job, model, &video, &found, &mask_cue.background))?;
+    let camera = clock.time("camera", || choose_camera(job, model, &video, &found.cues, &found.background))?;
+    if given.masks.is_none() {
+        let rest = &model.solved.rig;
+        let rest = rest.skinned(&rest.skeleton.world_from_joint(&rest.skeleton.rest_locals()));
+        let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
+        clock.time("masks", || crate::cues::refine_masks(&video, &silhouette, &mut found))?;
+    }
     tell(progress, Event::Stage { name: "motion" })?;
     let solved = clock.time("motion", || {
-        motion::find(model.solved, &camera.main, &found, &mask_cue.background, &video, &name, progress)
+        motion::find(model.solved, &camera.main, &found.cues, &found.background, &video, &name, progress)
     })?;
     Ok(Take {
         name,
         video,
-        cues: found,
-        background: mask_cue.background,
-        mask_confidence: mask_cue.confidence,
+        cues: found.cues,
+        background: found.background,
+        mask_confidence: found.mask_confidence,
         camera,
         motion: solved.motion,
         losses: solved.losses,

@@ -14,6 +14,8 @@ pub struct Background {
     pub drift: Vec<[f64; 3]>,
     /// Median absolute residual at the border \[frame\] [levels].
     pub residual: Vec<f64>,
+    /// Pictures of a background that is not plain \[frame\]; empty for a plain one.
+    pub plates: Vec<Image>,
 }
 
 /// Width of the border that is taken for background, as a share of the shorter side.
@@ -36,6 +38,9 @@ fn normalised(image: &Image, x: usize, y: usize) -> (f64, f64) {
 impl Background {
     /// Colour at a pixel of a frame [levels].
     pub fn at(&self, image: &Image, t: usize, x: usize, y: usize) -> [f32; 3] {
+        if let Some(plate) = self.plates.get(t) {
+            return plate.at(x, y).map(f32::from);
+        }
         let (u, v) = normalised(image, x, y);
         let phi = basis(u, v);
         std::array::from_fn(|c| {
@@ -116,6 +121,7 @@ impl Background {
             coefficients: [[0.0; 6]; 3],
             drift: vec![[0.0; 3]; video.frames.len()],
             residual: vec![0.0; video.frames.len()],
+            plates: Vec::new(),
         };
         for c in 0..3 {
             let mut values = Vec::new();

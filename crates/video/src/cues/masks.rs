@@ -43,6 +43,10 @@ pub struct MaskCue {
 const MIN_LUMA_CONTRAST: f32 = 18.0;
 /// A gap whose median difference exceeds this share of the lower threshold is not background.
 const OWN_COLOR: f32 = 0.4;
+/// How much deeper the pixels lie whose contrast is the object's [px]: beyond the mixture, yet the same shade.
+const DEEPER: (f32, f32) = (1.0, 2.7);
+/// How much of an object's contrast may be shading toward its edge [levels].
+const SHADING: f32 = 32.0;
 /// Luma of the opposite sign beyond this is more than ringing [levels].
 const RIM_CONTRAST: f32 = 6.0;
 /// The lower threshold is this far above the noise: factor on its 99.5th percentile, plus levels; never below the third.
@@ -71,32 +75,58 @@ pub fn masks(video: &Video, options: &MaskOptions) -> MaskCue {
         let confidence = vec![1.0; video.frames.len()];
         return MaskCue { masks: video.alpha.clone(), background: Background::default(), confidence };
     }
-    let segment_all = |background: &Background, weak: f32| -> Vec<Mask> {
-        let one = |t: usize| segment(&video.frames[t], t, background, options, weak);
+    match plain(video, options) {
+        Some(found) => {
+            let masks = found.segment_all(video, options);
+            let confidence = found.confidence();
+            MaskCue { masks, background: found.background, confidence }
+        }
+        None => MaskCue::default(),
+    }
+}
+
+/// A plain background and what can be told from it.
+pub(super) struct Plain {
+    pub background: Background,
+    /// The lower threshold [levels].
+    pub weak: f32,
+}
+
+impl Plain {
+    fn segment_all(&self, video: &Video, options: &MaskOptions) -> Vec<Mask> {
+        let one = |t: usize| segment(&video.frames[t], t, &self.background, options, self.weak);
         (0..video.frames.len()).into_par_iter().map(one).collect()
-    };
-    let first = Background::from_border(video);
-    let rough = segment_all(&first, options.threshold);
+    }
+
+    /// Confidence in the masks \[frame\].
+    pub fn confidence(&self) -> Vec<f32> {
+        self.background.residual.iter().map(|r| (1.0 / (1.0 + (r / HALF_CONFIDENCE).powi(2))) as f32).collect()
+    }
+}
+
+/// Fits the background; `None` for a video without frames or with its own alpha.
+pub(super) fn plain(video: &Video, options: &MaskOptions) -> Option<Plain> {
+    let frame = video.frames.first().filter(|_| video.alpha.len() != video.frames.len())?;
+    let first = Plain { background: Background::from_border(video), weak: options.threshold };
+    let rough = first.segment_all(video, options);
     // A margin keeps shadows and halos at the object's edge out of the second fit.
-    let margin = (video.frames[0].height / 32).max(3) as f32;
+    let margin = (frame.height / 32).max(3) as f32;
     let near: Vec<Vec<f32>> =
         rough.par_iter().map(|m| depth(&m.coverage.iter().map(|&c| c < 128).collect::<Vec<_>>(), m.width)).collect();
-    let width = video.frames[0].width;
-    let background = first.refitted(video, &|t, x, y| near[t][y * width + x] < margin);
+    let width = frame.width;
+    let background = first.background.refitted(video, &|t, x, y| near[t][y * width + x] < margin);
     let weak = weak_threshold(video, &background, &near, margin, options);
-    let masks = segment_all(&background, weak);
-    let confidence = background.residual.iter().map(|r| (1.0 / (1.0 + (r / HALF_CONFIDENCE).powi(2))) as f32).collect();
-    MaskCue { masks, background, confidence }
+    Some(Plain { background, weak })
 }
 
 /// Difference to the background: luma (signed) and the largest channel difference.
-struct Difference {
-    luma: Vec<f32>,
-    color: Vec<f32>,
+pub(super) struct Difference {
+    pub luma: Vec<f32>,
+    pub color: Vec<f32>,
 }
 
 impl Difference {
-    fn new(image: &Image, t: usize, background: &Background) -> Self {
+    pub fn new(image: &Image, t: usize, background: &Background) -> Self {
         let n = image.rgb.len();
         let (mut luma, mut color) = (Vec::with_capacity(n), Vec::with_capacity(n));
         for y in 0..image.height {
@@ -146,7 +176,7 @@ fn segment(image: &Image, t: usize, background: &Background, options: &MaskOptio
         close_weak_gaps(&mut set, &difference.color, weak, w, (NOTCH * scale).max(1.0));
     }
     let kept = kept_regions(&set, w, h, options);
-    let coverage = soft_edge(&kept, &difference, w, options);
+    let coverage = soft_edge(&kept, &difference, w, options, |_| 0.0);
     Mask { width: w, height: h, coverage }
 }
 
@@ -215,7 +245,7 @@ fn strongest(color: &[f32], w: usize, h: usize, x: usize, y: usize) -> f32 {
 }
 
 /// The largest region and those not much smaller, without corner watermarks; pinholes are closed.
-fn kept_regions(set: &[bool], w: usize, h: usize, options: &MaskOptions) -> Vec<bool> {
+pub(super) fn kept_regions(set: &[bool], w: usize, h: usize, options: &MaskOptions) -> Vec<bool> {
     let mut kept = vec![false; set.len()];
     let list = regions(set, w);
     let Some(largest) = list.first().map(|r| r.pixels.len() as f64) else { return kept };
@@ -245,8 +275,17 @@ fn kept_regions(set: &[bool], w: usize, h: usize, options: &MaskOptions) -> Vec<
     kept
 }
 
+/// `lean`: distance [px] to an outline known otherwise (positive inside); its
+/// inside is kept as far as contrast is weak.
+///
 /// Coverage: 255 deep inside; in the edge band the luma (or, without luma contrast, colour) relative to the object's.
-fn soft_edge(kept: &[bool], difference: &Difference, w: usize, options: &MaskOptions) -> Vec<u8> {
+pub(super) fn soft_edge(
+    kept: &[bool],
+    difference: &Difference,
+    w: usize,
+    options: &MaskOptions,
+    lean: impl Fn(usize) -> f32,
+) -> Vec<u8> {
     let h = kept.len() / w;
     let inner = depth(kept, w);
     let reach = options.band.ceil() as usize + 1;
@@ -261,13 +300,17 @@ fn soft_edge(kept: &[bool], difference: &Difference, w: usize, options: &MaskOpt
                 coverage[i] = 255;
                 continue;
             }
-            // The object's own contrast: mean over the deepest pixels of the neighbourhood.
+            // The object's own contrast: mean over pixels a little deeper, or the deepest of thin parts.
             let (mut luma, mut color, mut weight) = (0.0f32, 0.0f32, 0.0f32);
+            let deeper = |k: f32| {
+                let step = k - inner[i];
+                if (DEEPER.0..=DEEPER.1).contains(&step) { 1.0 } else { 1e-4 * k.min(options.band + 1.0).powi(4) }
+            };
             for v in y.saturating_sub(reach)..(y + reach + 1).min(h) {
                 for u in x.saturating_sub(reach)..(x + reach + 1).min(w) {
                     let j = v * w + u;
                     if kept[j] {
-                        let k = inner[j].min(options.band + 1.0).powi(4);
+                        let k = deeper(inner[j]);
                         luma += k * difference.luma[j];
                         color += k * difference.color[j];
                         weight += k;
@@ -284,8 +327,26 @@ fn soft_edge(kept: &[bool], difference: &Difference, w: usize, options: &MaskOpt
             } else {
                 difference.color[i] / color.max(1.0)
             };
+            let alpha = alpha + lean(i).max(0.0) * (SHADING / luma.abs().max(MIN_LUMA_CONTRAST)).min(1.0);
             coverage[i] = (255.0 * alpha.clamp(0.0, 1.0)).round() as u8;
         }
     }
     coverage
+}
+
+/// Coverage without knowledge of colours: the labels smoothed by a pixel, the outline kept at a half.
+pub(super) fn feathered(kept: &[bool], w: usize) -> Vec<u8> {
+    let h = kept.len() / w;
+    let inner = |i: usize| u32::from(kept[i]);
+    (0..kept.len())
+        .map(|i| {
+            let (x, y) = (i % w, i / w);
+            let (left, right) = (if x > 0 { i - 1 } else { i }, if x + 1 < w { i + 1 } else { i });
+            let (above, below) = (if y > 0 { i - w } else { i }, if y + 1 < h { i + w } else { i });
+            let sum = 4 * inner(i) + inner(left) + inner(right) + inner(above) + inner(below);
+            // The pixel itself weighs a half: its label decides on which side of the outline it lies.
+            let coverage = (255 * sum / 8) as u8;
+            if kept[i] { coverage.max(128) } else { coverage.min(127) }
+        })
+        .collect()
 }

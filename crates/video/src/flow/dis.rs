@@ -5,7 +5,7 @@
 //! Δu = H⁻¹ Σ S^T (I₁(x + u) − I₀(x)), H = Σ S^T S, S = ∇I₀ − mean;
 //! then every pixel takes the mean of the patches that cover it, weighted by 1 / max(1, |I₁(x + u) − I₀(x)|) (eq. 5),
 //! and variational refinement smooths it (§2.3). Neighbouring patches hand each other their results in two scans, as in
-//! OpenCV's DISOpticalFlow, whose medium preset the defaults follow.
+//! OpenCV's DISOpticalFlow, whose medium preset the search follows.
 
 use super::variational::{Refinement, refine};
 use super::{Flow, Gray};
@@ -20,6 +20,8 @@ const MIN_PATCHES_ACROSS: usize = 3;
 const MAX_DRIFT: f32 = PATCH as f32;
 /// Smallest determinant of H that is inverted; below, the patch has no texture to follow.
 const MIN_DETERMINANT: f32 = 1e-3;
+/// Relaxation sweeps double with every coarser level up to this many.
+const MAX_SWEEPS: usize = 40;
 
 /// Settings of [`dis`].
 #[derive(Clone, Debug)]
@@ -36,7 +38,7 @@ pub struct FlowOptions {
 
 impl Default for FlowOptions {
     fn default() -> Self {
-        Self { finest_level: 1, stride: 3, steps: 12, refinements: 5 }
+        Self { finest_level: 1, stride: 3, steps: 12, refinements: 4 }
     }
 }
 
@@ -62,7 +64,9 @@ pub fn dis(a: &Gray, b: &Gray, options: &FlowOptions) -> Flow {
         }
         flow = search_level(a, b, &flow, options);
         if options.refinements > 0 {
-            refine(a, b, &mut flow, &Refinement { rounds: options.refinements, ..Refinement::default() });
+            let fine = Refinement { rounds: options.refinements, ..Refinement::default() };
+            let sweeps = (fine.sweeps << (level - finest)).min(MAX_SWEEPS);
+            refine(a, b, &mut flow, &Refinement { sweeps, ..fine });
         }
     }
     for image in pyramid_a[..finest].iter().rev() {

@@ -100,6 +100,9 @@ impl Movie {
         if track.samples.is_empty() {
             return Err(VideoError::invalid(path, "the MP4 holds no frames"));
         }
+        if track.timescale == 0 {
+            return Err(VideoError::invalid(path, "the MP4's frames have no time scale; record or convert it again"));
+        }
         let times = DisplayTimes::of(&mp4, trak, track, &mut warnings);
         let turn = Turn::from_matrix(trak.tkhd.matrix.a, trak.tkhd.matrix.b, trak.tkhd.matrix.c, trak.tkhd.matrix.d)
             .unwrap_or_else(|| {

@@ -1,7 +1,7 @@
 //! Small moving pictures made by code, and the places of outside data.
 #![allow(dead_code, missing_docs)]
 
-use animimic_scene::Image;
+use animimic_scene::{Image, Mask, io};
 use std::path::{Path, PathBuf};
 
 /// A textured disc that moves over a plain background.
@@ -62,4 +62,46 @@ pub fn psnr(a: &[u8], b: &[u8]) -> f64 {
 
 pub fn bytes_of(image: &Image) -> Vec<u8> {
     image.rgb.iter().flatten().copied().collect()
+}
+
+/// The cases of known motion; only that of the environment's CASE, if given.
+pub fn cases() -> Vec<PathBuf> {
+    let Some(folder) = shared("data/gt") else { return Vec::new() };
+    let only = std::env::var("CASE").ok();
+    let mut list: Vec<PathBuf> = std::fs::read_dir(folder).expect("listed").flatten().map(|e| e.path()).collect();
+    list.retain(|p| p.join("gt.npz").exists() && only.as_ref().is_none_or(|o| p.ends_with(o)));
+    list.sort();
+    list
+}
+
+pub fn name(path: &Path) -> String {
+    path.file_name().expect("named").to_string_lossy().into_owned()
+}
+
+/// Bit-packed masks [frame].
+pub fn unpack(array: &io::npz::Array, width: usize) -> Vec<Mask> {
+    let bits = array.to_u8().expect("bytes");
+    let (n, h, stride) = (array.shape[0], array.shape[1], array.shape[2]);
+    let bit = |t: usize, x: usize, y: usize| bits[(t * h + y) * stride + x / 8] >> (7 - x % 8) & 1;
+    (0..n)
+        .map(|t| {
+            let coverage = (0..width * h).map(|i| 255 * bit(t, i % width, i / width)).collect();
+            Mask { width, height: h, coverage }
+        })
+        .collect()
+}
+
+/// CPU time of this thread so far [ms]; 0 where the system does not tell.
+pub fn cpu_ms() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) / 1e6
+}
+
+/// CPU time of all threads so far [ms], in steps of 10; 0 where the system does not tell.
+pub fn process_cpu_ms() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // Fields 14 and 15 of the line; the second, the program's name, may hold blanks.
+    let fields: Vec<f64> =
+        text.rsplit(')').next().unwrap_or("").split_whitespace().map(|f| f.parse().unwrap_or(0.0)).collect();
+    10.0 * fields.get(11..13).map_or(0.0, |f| f[0] + f[1])
 }
