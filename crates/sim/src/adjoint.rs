@@ -48,7 +48,7 @@ pub struct StepGradient {
     pub d_stiffness_damping: f64,
     /// Whether the Hessian at the step's end was indefinite.
     pub indefinite: bool,
-    /// Relative residual the linear solve was stopped at, if it missed its tolerance.
+    /// Whether the linear solve missed its tolerance.
     pub unsolved: bool,
 }
 
@@ -147,15 +147,16 @@ impl Stepper<'_> {
         let b: Vec<DVec3> = pairs.map(|(x, v)| *x + *v / h).collect();
         let objective = self.objective(start);
         self.assemble(&objective, end, Eigenvalues::True);
-        let (solution, indefinite, unsolved) = self.solve_adjoint(&self.to_free(&b));
+        let solved = self.solve_adjoint(self.to_free(&b));
         let mut a = vec![DVec3::ZERO; n];
-        self.add_free(&mut a, 1.0, &solution);
+        self.add_free(&mut a, 1.0, &solved.x[0]);
         let mut scratch = std::mem::take(&mut self.scratch);
         let medium = self.medium(&start.positions);
         let c = assembly::contract(&medium, &self.lame_by_poisson, end, &a, &mut scratch);
         self.scratch = scratch;
 
-        let mut result = StepGradient { indefinite, unsolved, ..StepGradient::default() };
+        let mut result =
+            StepGradient { indefinite: solved.indefinite, unsolved: solved.unsolved, ..StepGradient::default() };
         result.d_ln_youngs = vec![0.0; self.elasticity.ln_youngs.len()];
         for (cluster, v) in self.elasticity.cluster.iter().zip(&c.by_ln_youngs) {
             result.d_ln_youngs[*cluster as usize] -= h * h * v;
@@ -180,37 +181,36 @@ impl Stepper<'_> {
         for (d, f) in result.d_start.positions.iter_mut().zip(&c.by_start) {
             *d -= h * h * *f;
         }
-        let pulled = |&v: &u32| b[v as usize] - h * h * c.product[v as usize];
-        result.d_driven = self.body.driven.iter().map(pulled).collect();
+        let pulled = |(&v, f): (&u32, &DVec3)| b[v as usize] - h * h * *f;
+        result.d_driven = self.body.driven.iter().zip(&c.on_driven).map(pulled).collect();
         Ok(result)
     }
 
-    /// A⁻¹ b with the true Hessian; whether it was indefinite, and whether the solve missed its tolerance.
-    fn solve_adjoint(&mut self, b: &[f64]) -> (Vec<f64>, bool, bool) {
+    /// A⁻¹ b with the true Hessian.
+    fn solve_adjoint(&mut self, b: Vec<f64>) -> Solved {
         if b.iter().all(|v| *v == 0.0) {
-            return (b.to_vec(), false, false);
+            return Solved { x: vec![b], ..Solved::default() };
         }
         if std::mem::take(&mut self.factor_is_near) {
-            let (a, ended) = self.iterate(b, ADJOINT_TOLERANCE, self.iteration_limit());
+            let (a, ended) = self.iterate(&b, ADJOINT_TOLERANCE, self.iteration_limit());
             if matches!(ended, Ended::Converged { .. }) {
-                return (a, false, false);
+                return Solved { x: vec![a], ..Solved::default() };
             }
         }
-        let (mut solved, indefinite, unsolved) = self.solve_many(vec![b.to_vec()]);
-        (solved.pop().expect("one right-hand side"), indefinite, unsolved)
+        self.solve_many(vec![b])
     }
 
     /// A⁻¹ b for several right-hand sides, as in the adjoint: directly where A is positive definite, else by MINRES.
-    pub(crate) fn solve_many(&mut self, mut rhs: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, bool, bool) {
+    pub(crate) fn solve_many(&mut self, mut rhs: Vec<Vec<f64>>) -> Solved {
         if self.factorize(0.0) {
             rhs.iter_mut().for_each(|b| self.solve(b));
-            return (rhs, false, false);
+            return Solved { x: rhs, ..Solved::default() };
         }
         let shifted = (0..MAX_SHIFTS).any(|n| self.factorize(FIRST_SHIFT * 4f64.powi(n)));
         if !shifted {
             // Only a matrix that is not finite gets here: the state it was assembled at is not.
             rhs.iter_mut().for_each(|b| b.fill(0.0));
-            return (rhs, true, true);
+            return Solved { x: rhs, indefinite: true, unsolved: true };
         }
         let factor = self.factor.as_ref().expect("factored above");
         let mut unsolved = false;
@@ -220,6 +220,17 @@ impl Stepper<'_> {
             unsolved |= !matches!(ended, Ended::Converged { .. });
             *b = a;
         }
-        (rhs, true, unsolved)
+        Solved { x: rhs, indefinite: true, unsolved }
     }
+}
+
+/// Solutions of linear systems with the true Hessian.
+#[derive(Default)]
+pub(crate) struct Solved {
+    /// One per right-hand side.
+    pub x: Vec<Vec<f64>>,
+    /// Whether the Hessian was indefinite.
+    pub indefinite: bool,
+    /// Whether any solve missed its tolerance.
+    pub unsolved: bool,
 }

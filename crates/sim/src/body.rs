@@ -36,6 +36,14 @@ pub(crate) struct Batch {
     pub block: [[u16; 10]; LANES],
 }
 
+impl Batch {
+    /// Whether any of its tets has a driven corner.
+    pub fn touches_driven(&self) -> bool {
+        // Driven corners are last, so the last pair's block tells.
+        self.block[..self.used].iter().any(|pairs| pairs[9] == NO_BLOCK)
+    }
+}
+
 /// A few hundred neighbouring tets.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Chunk {

@@ -215,10 +215,9 @@ pub(crate) fn add_blocks(batch: &Batch, k: &FreeBlocks, out: &mut [[f64; 9]]) {
     debug_assert_eq!(PAIRS.len(), all.len());
 }
 
-/// Copies the chunk's part of a vertex field.
-pub(crate) fn local_field(chunk: &Chunk, x: &[DVec3], local: &mut Vec<DVec3>) {
-    local.clear();
-    local.extend(chunk.vertices.iter().map(|&v| x[v as usize]));
+/// The chunk's part of a vertex field.
+pub(crate) fn local_field(chunk: &Chunk, x: &[DVec3]) -> Vec<DVec3> {
+    chunk.vertices.iter().map(|&v| x[v as usize]).collect()
 }
 
 /// F of a batch from the chunk's positions.
