@@ -40,11 +40,12 @@ pub(crate) struct Medium<'a> {
 }
 
 /// What every sum knows of four tets before it begins.
-struct Point {
+struct Point<'a> {
     mu: Lanes,
     lambda: Lanes,
     k: Kinematics,
-    damper: Option<Damper>,
+    /// Borrowed: within the point it would keep the kinematics out of registers.
+    damper: Option<&'a Damper>,
 }
 
 impl Medium<'_> {
@@ -60,31 +61,31 @@ impl Medium<'_> {
                 let d = gradient_difference(batch, &x, start);
                 Damper::new(self.model, &deformation_gradient(batch, start), d, *rate, mu, lambda)
             });
-            visit(batch, Point { mu, lambda, k, damper });
+            visit(batch, Point { mu, lambda, k, damper: damper.as_ref() });
         }
     }
 }
 
-impl Point {
+impl Point<'_> {
     /// ψ per unit rest volume, damper included.
     #[inline(always)]
     fn energy<M: Energy>(&self) -> Lanes {
         let elastic = M::energy(&self.k, self.mu, self.lambda);
-        self.damper.as_ref().map_or(elastic, |d| elastic + d.potential())
+        self.damper.map_or(elastic, |d| elastic + d.potential())
     }
 
     /// P, damper included.
     #[inline(always)]
     fn stress<M: Energy>(&self) -> Mat3x4 {
         let p = element::stress_tensor::<M>(&self.k, &M::stress(&self.k, self.mu, self.lambda));
-        self.damper.as_ref().map_or(p, |d| p.plus(&d.stress()))
+        self.damper.map_or(p, |d| p.plus(&d.stress()))
     }
 
-    /// P with other Lamé parameters, damper included: by linearity also ∂P to what they depend on.
+    /// P : Z with any Lamé parameters, damper included: by linearity also what ∂P to anything they depend on does.
     #[inline(always)]
-    fn stress_with<M: Energy>(&self, mu: Lanes, lambda: Lanes) -> Mat3x4 {
-        let p = element::stress_tensor::<M>(&self.k, &M::stress(&self.k, mu, lambda));
-        self.damper.as_ref().map_or(p, |d| p.plus(&d.stress_with(mu, lambda)))
+    fn work<M: Energy>(&self, mu: Lanes, lambda: Lanes, z: &Mat3x4) -> Lanes {
+        let elastic = element::stress_work::<M>(&self.k, &M::stress(&self.k, mu, lambda), z);
+        self.damper.map_or(elastic, |d| elastic + d.stress_with(mu, lambda).ddot(z))
     }
 
     /// ∂P/∂F : dF, damper included.
@@ -92,7 +93,7 @@ impl Point {
     fn differential<M: Energy>(&self, df: &Mat3x4) -> Mat3x4 {
         let (s, h) = (M::stress(&self.k, self.mu, self.lambda), M::curvature(&self.k, self.mu, self.lambda));
         let dp = element::stress_differential::<M>(&self.k, &s, &h, df);
-        self.damper.as_ref().map_or(dp, |d| dp.plus(&d.differential(df)))
+        self.damper.map_or(dp, |d| dp.plus(&d.differential(df)))
     }
 
     /// Blocks of weight × ∂²Ψ, damper included.
@@ -103,7 +104,7 @@ impl Point {
             Eigenvalues::True => element::true_blocks::<M>(batch, &self.k, &s, &h, weight),
             _ => filtered_blocks(batch, &self.k, &s, &h, weight, filter),
         };
-        if let Some(d) = &self.damper {
+        if let Some(d) = self.damper {
             d.add_blocks(batch, weight, &mut blocks);
         }
         blocks
@@ -243,13 +244,13 @@ pub(crate) fn contract(
         medium.for_batches::<M>(part.chunk, x, |batch, point| {
             let z = deformation_gradient(batch, &direction);
             let (dmu, dlambda) = by_poisson.lanes(&batch.tet);
-            poisson += batch.volume * point.stress_with::<M>(dmu, dlambda).ddot(&z);
-            let by_e = (batch.volume * point.stress::<M>().ddot(&z)).to_array();
+            poisson += batch.volume * point.work::<M>(dmu, dlambda, &z);
+            let by_e = (batch.volume * point.work::<M>(point.mu, point.lambda, &z)).to_array();
             (0..batch.used).for_each(|l| per_tet.push((batch.tet[l], by_e[l])));
             if batch.touches_driven() {
                 add_forces(batch, &point.differential::<M>(&z), part.forces);
             }
-            if let Some(damper) = &point.damper {
+            if let Some(damper) = point.damper {
                 damping += batch.volume * damper.stress().ddot(&z);
                 add_forces(batch, &damper.start_gradient(&z), part.second);
             }
@@ -282,7 +283,7 @@ pub(crate) fn start_product(medium: &Medium, x: &[DVec3], u: &[DVec3], scratch: 
         scratch.for_chunks(medium.body, false, |part| {
             let direction = local_field(part.chunk, u);
             medium.for_batches::<M>(part.chunk, x, |batch, point| {
-                if let Some(damper) = &point.damper {
+                if let Some(damper) = point.damper {
                     let du = deformation_gradient(batch, &direction);
                     add_forces(batch, &damper.start_differential(&du), part.forces);
                 }

@@ -26,7 +26,6 @@ pub(crate) struct Damper {
 
 impl Damper {
     /// The damper between Fⁿ and F = Fⁿ + D. Linear elasticity does not turn, and neither does its damper.
-    #[inline(always)]
     pub fn new(model: Model, f_start: &Mat3x4, d: Mat3x4, rate: Lanes, mu: Lanes, lambda: Lanes) -> Self {
         let frame = match model {
             Model::Linear => Polar3x4 { r: Mat3x4::identity(), t: Mat3x4::zero() },

@@ -74,6 +74,13 @@ pub(crate) fn stress_tensor<M: Energy>(k: &Kinematics, s: &Stress) -> Mat3x4 {
     p
 }
 
+/// P : Z from the coefficients of P, which is never formed.
+#[inline(always)]
+pub(crate) fn stress_work<M: Energy>(k: &Kinematics, s: &Stress, z: &Mat3x4) -> Lanes {
+    let w = s.f * k.f.ddot(z) + s.cof * k.cof.ddot(z) + s.ft * k.f.transpose().ddot(z) + s.id * z.trace();
+    if M::ROTATES { w + s.r * k.r.ddot(z) } else { w }
+}
+
 /// Axial vector Σ_j A_j × B_j of two matrices' columns.
 #[inline(always)]
 pub(crate) fn axial(a: &Mat3x4, b: &Mat3x4) -> Vec3x4 {
