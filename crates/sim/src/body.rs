@@ -4,6 +4,7 @@
 //! order of the free vertices, the block pattern of the Hessian and its symbolic analysis.
 
 use crate::error::{SimError, check_finite};
+use crate::winding::Edges;
 use animimic_math::lanes::{LANES, Lanes, Vec3x4};
 use animimic_math::sparse::{BlockPattern, Symbolic, nested_dissection};
 use animimic_scene::TetMesh;
@@ -104,6 +105,7 @@ pub struct Body {
     pub symbolic: Symbolic,
     pub(crate) vertex_slots: Gather,
     pub(crate) block_slots: Gather,
+    pub(crate) edges: Edges,
 }
 
 impl Body {
@@ -138,6 +140,7 @@ impl Body {
             symbolic,
             vertex_slots,
             block_slots,
+            edges: Edges::new(&mesh.tets),
         })
     }
 

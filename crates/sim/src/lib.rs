@@ -31,11 +31,13 @@ mod element;
 mod error;
 mod filter;
 mod models;
+mod predictor;
 mod sensitivity;
 mod settings;
 mod step;
 mod stepper;
 mod trajectory;
+mod winding;
 
 pub use adjoint::{Gradient, StepGradient, step_vjp};
 pub use body::Body;

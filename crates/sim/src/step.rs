@@ -4,12 +4,11 @@
 //! such strategies), clamped where no moderate shift is enough. Between factorisations the last factor preconditions
 //! conjugate gradients on the present Hessian while that is the cheaper way to the same direction.
 
-use crate::assembly;
 use crate::body::Body;
 use crate::elasticity::Elasticity;
 use crate::error::{SimError, check_finite, check_len};
 use crate::filter::{Eigenvalues, Filter};
-use crate::settings::{Predictor, Settings, State, StepReport};
+use crate::settings::{Settings, State, StepReport};
 use crate::stepper::{Assembled, Objective, Stepper};
 use animimic_math::gradcheck::SplitMix64;
 use animimic_math::sparse::krylov::Ended;
@@ -55,8 +54,7 @@ impl Stepper<'_> {
         check_finite("driven position", driven)?;
         let objective = self.objective(start);
         let mut report = StepReport::default();
-        let mut y = self.predict(&objective, driven, &mut report);
-        let first = self.first_guess(&objective, driven, &mut y);
+        let (mut y, first) = self.first_guess(&objective, driven, &mut report);
         self.minimise(&objective, &mut y, first, &mut report);
         report.inverted = self.count_inverted(&y);
         let h = self.settings.step_time();
@@ -64,75 +62,12 @@ impl Stepper<'_> {
         Ok((State { positions: y, velocities }, report))
     }
 
-    /// First guess: driven vertices in place, free ones by the chosen predictor.
-    fn predict(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
-        let mut y = match self.settings.predictor {
-            Predictor::Inertial => objective.target.clone(),
-            Predictor::Rest => objective.start.positions.clone(),
-            Predictor::Linear => self.predict_linear(objective, driven, report),
-        };
-        self.place_driven(&mut y, driven);
-        y
-    }
-
-    fn place_driven(&self, y: &mut [DVec3], driven: &[DVec3]) {
-        self.body.driven.iter().zip(driven).for_each(|(&v, d)| y[v as usize] = *d);
-    }
-
-    /// Assembles at the prediction, or at the inertial one where the linear model was a worse guide (collapsed tets).
-    fn first_guess(&mut self, objective: &Objective, driven: &[DVec3], y: &mut Vec<DVec3>) -> Assembled {
-        let eigenvalues = self.eigenvalues();
-        let predicted = self.assemble(objective, y, eigenvalues);
-        if self.settings.predictor != Predictor::Linear {
-            return predicted;
-        }
-        let mut inertial = objective.target.clone();
-        self.place_driven(&mut inertial, driven);
-        // Not `>=`: a prediction that is not a number is worse than any.
-        if predicted.value <= self.value(objective, &inertial) {
-            return predicted;
-        }
-        *y = inertial;
-        self.assemble(objective, y, eigenvalues)
-    }
-
-    fn eigenvalues(&self) -> Eigenvalues {
+    pub(crate) fn eigenvalues(&self) -> Eigenvalues {
         match self.settings.filter {
             Filter::None | Filter::OnDemand => Eigenvalues::True,
             Filter::Clamp => Eigenvalues::Clamped,
             Filter::Absolute => Eigenvalues::Absolute,
         }
-    }
-
-    /// xⁿ + u, u the driven displacement on driven vertices and the linear response to it and to inertia elsewhere.
-    fn predict_linear(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
-        let start = &objective.start.positions;
-        if self.factor.is_none() {
-            // Clamped: the start may be anything, and a predictor need not be exact.
-            self.assemble(objective, start, Eigenvalues::Clamped);
-            report.factorizations += 1;
-            if !self.factorize(0.0) {
-                return objective.target.clone();
-            }
-        }
-        let mut u = vec![DVec3::ZERO; start.len()];
-        self.body.driven.iter().zip(driven).for_each(|(&v, d)| u[v as usize] = *d - start[v as usize]);
-        let (mut forces, mut coupling) = (u.clone(), u.clone());
-        let mut scratch = std::mem::take(&mut self.scratch);
-        let medium = self.medium(start);
-        assembly::gradient_and_product(&medium, start, &u, &mut scratch, &mut forces, &mut coupling);
-        self.scratch = scratch;
-        let h = self.settings.step_time();
-        let mut rhs = Vec::with_capacity(3 * self.body.free.len());
-        for (&v, m) in self.body.free.iter().zip(&self.free_mass) {
-            let v = v as usize;
-            let pull = *m * (objective.target[v] - start[v]) - h * h * (forces[v] + coupling[v]);
-            rhs.extend(pull.to_array());
-        }
-        self.solve(&mut rhs);
-        let mut y = start.clone();
-        self.add_free(&mut y, 1.0, &rhs);
-        y
     }
 
     fn minimise(&mut self, objective: &Objective, y: &mut Vec<DVec3>, first: Assembled, report: &mut StepReport) {
