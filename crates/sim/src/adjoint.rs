@@ -234,3 +234,76 @@ pub(crate) struct Solved {
     /// Whether any solve missed its tolerance.
     pub unsolved: bool,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::Filter;
+    use crate::fixtures::column;
+    use crate::models::Model;
+    use animimic_math::gradcheck::{SplitMix64, gradient_error};
+
+    /// What one step of the column depends on, as one flat list: ln E per cluster, ν, start, driven ends.
+    struct Inputs {
+        elasticity: Elasticity,
+        start: State,
+        driven: Vec<DVec3>,
+    }
+
+    impl Inputs {
+        fn parts(&mut self) -> impl Iterator<Item = &mut f64> {
+            let fields = [&mut self.start.positions, &mut self.start.velocities, &mut self.driven];
+            let fields = fields.into_iter().flatten().flat_map(|p| <&mut [f64; 3]>::from(p.as_mut()));
+            self.elasticity.ln_youngs.iter_mut().chain([&mut self.elasticity.poisson]).chain(fields)
+        }
+    }
+
+    #[test]
+    fn the_adjoint_at_a_saddle_is_that_of_the_stationary_point() {
+        // A straight column squeezed beyond buckling. Its stationary point is followed by plain Newton, which unlike a
+        // descent stays on the saddle when the inputs push the column aside.
+        let (mesh, ends) = column(6, 0.125);
+        let body = Body::new(&mesh, &ends).expect("a good mesh");
+        let cluster = (0..mesh.tets.len() as u32).map(|t| t % 2).collect();
+        let ln_youngs = vec![2e5f64.ln(); 2];
+        let material = Elasticity { model: Model::FixedCorotated, cluster, ln_youngs, poisson: 0.3, density: 1000.0 };
+        let settings = Settings { frame_time: 0.2, filter: Filter::Clamp, tolerance: 1e-11, ..Settings::default() };
+        let squeezed: Vec<DVec3> = mesh.positions.iter().map(|p| DVec3::new(0.75 * p.x, p.y, p.z)).collect();
+        let driven: Vec<DVec3> = ends.iter().map(|&v| squeezed[v as usize]).collect();
+        let mut inputs = Inputs { elasticity: material, start: State::at_rest(&squeezed), driven };
+        let mut stepper = Stepper::new(&body, &inputs.elasticity, &settings).expect("good input");
+        let (end, report) = stepper.step(&inputs.start, &inputs.driven).expect("good input");
+        assert!(report.converged);
+
+        let mut rng = SplitMix64(9);
+        let mut random = || -> Vec<DVec3> {
+            mesh.positions.iter().map(|_| DVec3::new(rng.normal(), rng.normal(), rng.normal())).collect()
+        };
+        let d_end = State { positions: random(), velocities: random() };
+        let g = stepper.step_vjp(&inputs.start, &end.positions, &d_end).expect("good input");
+        assert!(g.indefinite && !g.unsolved, "the column is beyond buckling");
+        let fields = [&g.d_start.positions, &g.d_start.velocities, &g.d_driven];
+        let fields = fields.into_iter().flatten().flat_map(|p| p.to_array());
+        let gradient: Vec<f64> = g.d_ln_youngs.iter().copied().chain([g.d_poisson]).chain(fields).collect();
+        let x: Vec<f64> = inputs.parts().map(|p| *p).collect();
+        let h = settings.step_time();
+        let loss = |p: &[f64]| {
+            inputs.parts().zip(p).for_each(|(part, p)| *part = *p);
+            let mut stepper = Stepper::new(&body, &inputs.elasticity, &settings).expect("good input");
+            let objective = stepper.objective(&inputs.start);
+            let mut y = end.positions.clone();
+            ends.iter().zip(&inputs.driven).for_each(|(&v, d)| y[v as usize] = *d);
+            for _ in 0..8 {
+                let now = stepper.assemble(&objective, &y, Eigenvalues::True);
+                let solved = stepper.solve_many(vec![now.gradient]);
+                assert!(solved.indefinite && !solved.unsolved);
+                stepper.add_free(&mut y, -1.0, &solved.x[0]);
+            }
+            let pairs = y.iter().zip(&inputs.start.positions).zip(d_end.positions.iter().zip(&d_end.velocities));
+            pairs.map(|((y, x), (dx, dv))| dx.dot(*y) + dv.dot((*y - *x) / h)).sum()
+        };
+        let error = gradient_error(loss, &x, &gradient, 6, &[1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7], 2);
+        println!("gradient at a saddle: {error:.1e}");
+        assert!(error < 1e-6);
+    }
+}

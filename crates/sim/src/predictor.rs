@@ -41,8 +41,9 @@ impl Stepper<'_> {
         for mut guess in others {
             self.place_driven(&mut guess, driven);
             let value = self.value(objective, &guess);
-            // `!(≥)`: a prediction that is not a number is worse than any.
-            if !(value >= best.as_ref().map_or(now.value, |b| b.0)) {
+            let lowest = best.as_ref().map_or(now.value, |b| b.0);
+            // A guess whose value is not a number is worse than any.
+            if value < lowest || lowest.is_nan() {
                 best = Some((value, guess));
             }
         }

@@ -120,7 +120,8 @@ pub struct StepReport {
     pub indefinite: usize,
     /// Pushes along negative curvature out of saddle points.
     pub saddle_escapes: usize,
-    /// Whether the state reached is still a saddle (its adjoint is that of a stationary point, not of a minimum).
+    /// Whether the state reached is still a saddle (its adjoint is that of a stationary point, not of a minimum). Looked for
+    /// with the filters that use the true Hessian, `None` and `OnDemand`.
     pub saddle: bool,
     /// Tets with det F ≤ 0 at the end.
     pub inverted: usize,

@@ -86,8 +86,11 @@ impl Stepper<'_> {
             if speed < self.settings.tolerance {
                 self.add_free(y, 1.0, &dx);
                 report.converged = true;
-                report.saddle = modified && eigenvalues == Eigenvalues::True;
-                if !report.saddle || report.saddle_escapes == MAX_ESCAPES {
+                report.saddle = eigenvalues == Eigenvalues::True && (modified || self.softest_mode_is_unstable());
+                if !report.saddle || report.saddle_escapes == MAX_ESCAPES || self.settings.filter == Filter::None {
+                    return;
+                }
+                if !modified && self.factorize_modified(objective, y, report).is_none() {
                     return;
                 }
                 match self.escape(objective, y, report) {
@@ -191,21 +194,46 @@ impl Stepper<'_> {
         None
     }
 
+    /// Whether vᵀAv < 0 for the softest mode v known. An iterative direction cannot tell a saddle by itself: what it solves
+    /// for may have no part in the unstable mode. v is followed from step to step by one inverse iteration on the last
+    /// factor, of a neighbouring matrix; the closer that is to singular, the faster v converges.
+    fn softest_mode_is_unstable(&mut self) -> bool {
+        let mut v = std::mem::take(&mut self.softest);
+        let mut iterations = 1;
+        if v.is_empty() {
+            let mut rng = SplitMix64(0x50f7e57);
+            v = (0..3 * self.free_mass.len()).map(|_| rng.normal()).collect();
+            iterations = INVERSE_ITERATIONS;
+        }
+        (0..iterations).for_each(|_| self.inverse_iteration(&mut v));
+        let curvature = self.curvature(&v);
+        self.softest = v;
+        curvature < 0.0
+    }
+
+    /// v ← P⁻¹ M v for the present factor P, normalised by the mass.
+    fn inverse_iteration(&self, v: &mut [f64]) {
+        v.iter_mut().enumerate().for_each(|(i, v)| *v *= self.free_mass[i / 3]);
+        self.solve(v);
+        let norm = v.iter().enumerate().map(|(i, v)| self.free_mass[i / 3] * v * v).sum::<f64>().sqrt();
+        v.iter_mut().for_each(|v| *v /= norm);
+    }
+
+    /// vᵀAv.
+    fn curvature(&self, v: &[f64]) -> f64 {
+        let mut av = vec![0.0; v.len()];
+        self.matrix.times(v, &mut av);
+        v.iter().zip(&av).map(|(v, a)| v * a).sum()
+    }
+
     /// Pushes y out of a saddle along the most negative curvature; none where no descent was found.
     fn escape(&mut self, objective: &Objective, y: &mut Vec<DVec3>, report: &mut StepReport) -> Option<Assembled> {
         let now = self.assemble(objective, y, Eigenvalues::True);
         let mut rng = SplitMix64(0x5add1e);
         let mut v: Vec<f64> = now.gradient.iter().map(|_| rng.normal()).collect();
         // Inverse iteration on (A + βM)⁻¹ M converges to the lowest eigenvector of A relative to M.
-        for _ in 0..INVERSE_ITERATIONS {
-            v.iter_mut().enumerate().for_each(|(i, v)| *v *= self.free_mass[i / 3]);
-            self.solve(&mut v);
-            let norm = v.iter().enumerate().map(|(i, v)| self.free_mass[i / 3] * v * v).sum::<f64>().sqrt();
-            v.iter_mut().for_each(|v| *v /= norm);
-        }
-        let mut av = vec![0.0; v.len()];
-        self.matrix.times(&v, &mut av);
-        let curvature: f64 = v.iter().zip(&av).map(|(v, a)| v * a).sum();
+        (0..INVERSE_ITERATIONS).for_each(|_| self.inverse_iteration(&mut v));
+        let curvature = self.curvature(&v);
         if curvature >= 0.0 {
             return None;
         }

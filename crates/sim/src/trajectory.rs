@@ -115,7 +115,9 @@ pub fn simulate_vjp(
             d_next.positions.iter_mut().zip(frame).for_each(|(d, f)| *d += *f);
         }
         let before = simulation.state(step, settings);
-        if let Some(kept) = &simulation.factors[step] {
+        // At a saddle no factor of a neighbouring matrix would do: MINRES needs one of a shifted matrix.
+        let kept = simulation.factors[step].as_ref().filter(|_| !simulation.reports[step].saddle);
+        if let Some(kept) = kept {
             stepper.factor = Some(kept.clone());
             stepper.factor_is_near = true;
         }
