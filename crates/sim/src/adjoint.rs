@@ -253,7 +253,7 @@ mod tests {
     impl Inputs {
         fn parts(&mut self) -> impl Iterator<Item = &mut f64> {
             let fields = [&mut self.start.positions, &mut self.start.velocities, &mut self.driven];
-            let fields = fields.into_iter().flatten().flat_map(|p| <&mut [f64; 3]>::from(p.as_mut()));
+            let fields = fields.into_iter().flatten().flat_map(|p| p.as_mut() as &mut [f64; 3]);
             self.elasticity.ln_youngs.iter_mut().chain([&mut self.elasticity.poisson]).chain(fields)
         }
     }

@@ -108,17 +108,20 @@ const MAX_DAMPINGS: usize = 8;
 
 /// Frames of the first horizon: long enough to move, short enough that a modulus 100 times off still bends the same way.
 const FIRST_HORIZON: usize = 3;
-/// Common changes of every ln E tried on the first horizon before the first iteration: where all moduli are off the same
-/// way, the clusters hide one another from Gauss–Newton, and a scan of the overall stiffness is cheap.
-const COMMON_FACTORS: [f64; 6] = [-6.0, -4.0, -2.0, 2.0, 4.0, 6.0];
+/// Changes of ln E tried on the first horizon before the first iteration, for all clusters together and then for each alone:
+/// where moduli are far off the clusters hide one another from Gauss–Newton (a stiff one moves nothing, a soft one carries
+/// nothing on), and a scan of so few frames is cheap.
+const SCAN: [f64; 6] = [-6.0, -4.0, -2.0, 2.0, 4.0, 6.0];
+/// Clusters that are also scanned alone, at six short simulations each.
+const MOST_SCANNED: usize = 16;
 /// An iteration that changes ln E by less than this has settled its horizon.
 const SETTLED: f64 = 0.5;
 
 /// Fits ln E of every cluster to target positions (\[frame\]\[vertex\], m) by Levenberg–Marquardt on the forward sensitivities,
 /// until ln E changes by less than `tolerance` or `iterations` are done. Returns the fitted material and the history.
 ///
-/// The overall stiffness is scanned first. Then the horizon grows: the first frames are fitted first and doubled whenever they have settled, because the late frames of
-/// a motion with moduli far off are no guide at all.
+/// A coarse scan comes first. Then the horizon grows: the first frames are fitted first and doubled whenever they have
+/// settled, because the late frames of a motion with moduli far off are no guide at all.
 pub fn gauss_newton(
     body: &Body,
     elasticity: &Elasticity,
@@ -143,13 +146,18 @@ pub fn gauss_newton(
     let mut horizon = FIRST_HORIZON.min(path.len());
     let mut now = elasticity.clone();
     let (mut motion, mut residual, mut loss) = run(&now, horizon)?;
-    for exponent in COMMON_FACTORS {
-        let mut trial = elasticity.clone();
-        trial.ln_youngs.iter_mut().for_each(|l| *l += exponent);
-        let moved = run(&trial, horizon)?;
-        if moved.2 < loss {
-            now = trial;
-            (motion, residual, loss) = moved;
+    let clusters = now.ln_youngs.len();
+    let alone = (0..clusters.min(MOST_SCANNED)).map(|c| c..c + 1).filter(|_| clusters > 1);
+    for scanned in std::iter::once(0..clusters).chain(alone) {
+        let first = now.clone();
+        for exponent in SCAN {
+            let mut trial = first.clone();
+            trial.ln_youngs[scanned.clone()].iter_mut().for_each(|l| *l += exponent);
+            let moved = run(&trial, horizon)?;
+            if moved.2 < loss {
+                now = trial;
+                (motion, residual, loss) = moved;
+            }
         }
     }
     let (mut damping, mut history) = (FIRST_DAMPING, vec![]);

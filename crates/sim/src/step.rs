@@ -29,6 +29,17 @@ const MAX_ESCAPES: usize = 8;
 /// Inverse iterations for the most negative direction; it is separated by the shift, so few suffice.
 const INVERSE_ITERATIONS: usize = 12;
 
+/// What a Newton direction showed of the Hessian it was solved with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Inertia {
+    /// Its factorisation succeeded.
+    Definite,
+    /// Its factorisation failed.
+    Indefinite,
+    /// Nothing: conjugate gradients met no negative curvature, which proves nothing.
+    Unknown,
+}
+
 /// One step from `start` with `driven` positions at its end, see [`Stepper::step`].
 pub fn step(
     body: &Body,
@@ -76,7 +87,7 @@ impl Stepper<'_> {
         let mut now = first;
         let mut speed = f64::INFINITY;
         while report.newton < self.settings.max_newton {
-            let Some((dx, modified)) = self.direction(objective, y, &now.gradient, speed, report) else { return };
+            let Some((dx, hessian)) = self.direction(objective, y, &now.gradient, speed, report) else { return };
             report.newton += 1;
             speed = dx.iter().fold(0.0f64, |m, d| m.max(d.abs())) / h;
             report.residual = speed;
@@ -86,11 +97,11 @@ impl Stepper<'_> {
             if speed < self.settings.tolerance {
                 self.add_free(y, 1.0, &dx);
                 report.converged = true;
-                report.saddle = eigenvalues == Eigenvalues::True && (modified || self.softest_mode_is_unstable());
+                report.saddle = eigenvalues == Eigenvalues::True && self.is_indefinite(hessian);
                 if !report.saddle || report.saddle_escapes == MAX_ESCAPES || self.settings.filter == Filter::None {
                     return;
                 }
-                if !modified && self.factorize_modified(objective, y, report).is_none() {
+                if hessian == Inertia::Unknown && self.factorize_modified(objective, y, report).is_none() {
                     return;
                 }
                 match self.escape(objective, y, report) {
@@ -106,7 +117,7 @@ impl Stepper<'_> {
         }
     }
 
-    /// −A⁻¹ G, and whether A had to be modified; none where the filter forbids modifying an indefinite A.
+    /// −A⁻¹ G, and what that showed of A; none where the filter forbids modifying an indefinite A.
     fn direction(
         &mut self,
         objective: &Objective,
@@ -114,29 +125,29 @@ impl Stepper<'_> {
         gradient: &[f64],
         last_speed: f64,
         report: &mut StepReport,
-    ) -> Option<(Vec<f64>, bool)> {
+    ) -> Option<(Vec<f64>, Inertia)> {
         let negated = |g: &[f64]| -> Vec<f64> { g.iter().map(|v| -v).collect() };
         if self.factor.is_some() && last_speed.is_finite() {
             let wanted = (self.settings.tolerance / last_speed).clamp(1e-10, LOOSEST);
             let (dx, ended) = self.iterate(gradient, wanted, self.iteration_limit());
             if let Ended::Converged { iterations } = ended {
                 report.conjugate_gradients += iterations;
-                return Some((negated(&dx), false));
+                return Some((negated(&dx), Inertia::Unknown));
             }
         }
         report.factorizations += 1;
-        let mut modified = false;
+        let mut inertia = Inertia::Definite;
         if !self.factorize(0.0) {
             report.indefinite += 1;
             if self.settings.filter == Filter::None {
                 return None;
             }
-            modified = true;
+            inertia = Inertia::Indefinite;
             self.factorize_modified(objective, y, report)?;
         }
         let mut dx = negated(gradient);
         self.solve(&mut dx);
-        Some((dx, modified))
+        Some((dx, inertia))
     }
 
     /// Shifts by growing multiples of the mass, then clamps the elements' eigenvalues.
@@ -194,10 +205,13 @@ impl Stepper<'_> {
         None
     }
 
-    /// Whether vᵀAv < 0 for the softest mode v known. An iterative direction cannot tell a saddle by itself: what it solves
-    /// for may have no part in the unstable mode. v is followed from step to step by one inverse iteration on the last
-    /// factor, of a neighbouring matrix; the closer that is to singular, the faster v converges.
-    fn softest_mode_is_unstable(&mut self) -> bool {
+    /// Whether A is known or found to be indefinite. An iterative direction cannot tell by itself: what it solves for may have
+    /// no part in an unstable mode. Then vᵀAv is looked at for the softest mode v, followed from step to step by one inverse
+    /// iteration on the last factor, of a neighbouring matrix; the closer that is to singular, the faster v converges.
+    fn is_indefinite(&mut self, known: Inertia) -> bool {
+        if known != Inertia::Unknown {
+            return known == Inertia::Indefinite;
+        }
         let mut v = std::mem::take(&mut self.softest);
         let mut iterations = 1;
         if v.is_empty() {

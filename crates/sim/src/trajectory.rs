@@ -42,6 +42,22 @@ impl Simulation {
         State { positions: self.steps[n - 1].clone(), velocities }
     }
 
+    /// Bytes of the factors kept for the adjoint, at most `Settings::factor_memory`.
+    pub fn factor_bytes(&self) -> usize {
+        let kept = self.factors.iter().flatten();
+        // Steps that shared one factor are neighbours.
+        let mut last: Option<&Arc<Factor>> = None;
+        kept.filter(|f| !last.replace(f).is_some_and(|l| Arc::ptr_eq(l, f))).map(|f| f.bytes()).sum()
+    }
+
+    /// Keeps a step's factor, or none where the memory is used up.
+    fn keep(&mut self, factor: Option<Arc<Factor>>, memory: usize) {
+        let used = self.factor_bytes();
+        let last = self.factors.last().cloned().flatten();
+        let fits = |f: &Arc<Factor>| used + f.bytes() <= memory || last.is_some_and(|l| Arc::ptr_eq(&l, f));
+        self.factors.push(factor.filter(fits));
+    }
+
     /// Steps that did not reach the tolerance.
     pub fn unconverged(&self) -> Vec<usize> {
         (0..self.reports.len()).filter(|&n| !self.reports[n].converged).collect()
@@ -77,14 +93,11 @@ pub fn simulate(
     check_len("positions", start.positions.len(), body.rest.len())?;
     let mut state = start.clone();
     let mut driven: Vec<DVec3> = body.driven.iter().map(|&v| start.positions[v as usize]).collect();
-    let mut memory = settings.factor_memory;
     for frame in path {
         check_len("driven positions", frame.len(), body.driven.len())?;
         for target in substep_path(&driven, frame, settings.substeps) {
             let (next, report) = stepper.step(&state, &target)?;
-            let kept = stepper.factor.clone().filter(|f| f.bytes() <= memory);
-            memory -= kept.as_ref().map_or(0, |f| f.bytes());
-            result.factors.push(kept);
+            result.keep(stepper.factor.clone(), settings.factor_memory);
             result.steps.push(next.positions.clone());
             result.reports.push(report);
             state = next;
