@@ -236,7 +236,7 @@ impl Stepper<'_> {
     /// vᵀAv.
     fn curvature(&self, v: &[f64]) -> f64 {
         let mut av = vec![0.0; v.len()];
-        self.matrix.times(v, &mut av);
+        self.matrix.times_in_parts(&self.body.symbolic, v, &mut av);
         v.iter().zip(&av).map(|(v, a)| v * a).sum()
     }
 
