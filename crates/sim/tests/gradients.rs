@@ -127,6 +127,8 @@ fn states() -> [(&'static str, DMat3); 3] {
 fn check(model: Model, state: &str, f: DMat3, damped: bool) -> f64 {
     let c = case(model, f, damped);
     let motion = run(&c.body, &c.inputs);
+    let inverted = motion.reports.iter().filter(|r| r.inverted > 0).count();
+    assert_eq!(inverted > 0, state == "inverted", "{inverted} steps end with inverted tets");
     let g = gradient(&c, &motion);
     let mut worst = 0.0f64;
     for (name, value, analytic, put) in parameters(&c.inputs, &g, damped) {
