@@ -45,7 +45,7 @@ pub use elasticity::Elasticity;
 pub use error::SimError;
 pub use filter::Filter;
 pub use models::Model;
-pub use sensitivity::{Sensitivities, gauss_newton, sensitivities};
+pub use sensitivity::{GaussNewtonStep, Sensitivities, gauss_newton, sensitivities};
 pub use settings::{Predictor, Settings, State, StepReport};
 pub use step::step;
 pub use stepper::Stepper;

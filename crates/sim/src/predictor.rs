@@ -1,9 +1,9 @@
 //! Where Newton starts: the best of a few guesses, by the objective itself.
 //!
 //! The chosen predictor comes first. The linear one is no guide out of collapsed tets, so the inertial one may replace it;
-//! and where the step starts from tets that are flat or inverted, the rest shape moved rigidly to where the body is
-//! may replace both. At F = 0 stable neo-Hookean has neither force nor stiffness: without that third
-//! guess a body collapsed to a point would stay one.
+//! and where the step starts from tets that are flat or inverted, the rest shape moved rigidly to where the body is may
+//! replace both. At F = 0 stable neo-Hookean has neither force nor stiffness: without that third guess a body collapsed to a
+//! point would stay one.
 
 use crate::assembly;
 use crate::body::Body;

@@ -4,7 +4,8 @@ use crate::error::SimError;
 use crate::filter::Filter;
 use glam::DVec3;
 
-/// Where Newton starts.
+/// Where Newton starts, unless tets at the step's start are flat or inverted and the rest shape, moved there rigidly, has
+/// the lower objective.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Predictor {
     /// x + h v on free vertices.

@@ -50,12 +50,13 @@ impl Simulation {
         kept.filter(|f| !last.replace(f).is_some_and(|l| Arc::ptr_eq(l, f))).map(|f| f.bytes()).sum()
     }
 
-    /// Keeps a step's factor, or none where the memory is used up.
-    fn keep(&mut self, factor: Option<Arc<Factor>>, memory: usize) {
-        let used = self.factor_bytes();
-        let last = self.factors.last().cloned().flatten();
-        let fits = |f: &Arc<Factor>| used + f.bytes() <= memory || last.is_some_and(|l| Arc::ptr_eq(&l, f));
-        self.factors.push(factor.filter(fits));
+    /// Keeps a step's factor while there is `memory` left for it, of which it takes its bytes.
+    fn keep(&mut self, factor: Option<Arc<Factor>>, memory: &mut usize) {
+        let last = self.factors.last().and_then(Option::as_ref);
+        let cost = |f: &Arc<Factor>| if last.is_some_and(|l| Arc::ptr_eq(l, f)) { 0 } else { f.bytes() };
+        let kept = factor.map(|f| (cost(&f), f)).filter(|(cost, _)| cost <= memory);
+        *memory -= kept.as_ref().map_or(0, |k| k.0);
+        self.factors.push(kept.map(|k| k.1));
     }
 
     /// Steps that did not reach the tolerance.
@@ -93,11 +94,12 @@ pub fn simulate(
     check_len("positions", start.positions.len(), body.rest.len())?;
     let mut state = start.clone();
     let mut driven: Vec<DVec3> = body.driven.iter().map(|&v| start.positions[v as usize]).collect();
+    let mut memory = settings.factor_memory;
     for frame in path {
         check_len("driven positions", frame.len(), body.driven.len())?;
         for target in substep_path(&driven, frame, settings.substeps) {
             let (next, report) = stepper.step(&state, &target)?;
-            result.keep(stepper.factor.clone(), settings.factor_memory);
+            result.keep(stepper.factor.clone(), &mut memory);
             result.steps.push(next.positions.clone());
             result.reports.push(report);
             state = next;
