@@ -7,7 +7,7 @@
 use animimic_math::gradcheck::SplitMix64;
 use animimic_math::sparse::{BlockMatrix, Factor};
 use animimic_sim::fixtures::{BEAM_DENSITY, BEAM_POISSON, Problem, driven_beam};
-use animimic_sim::{Body, Elasticity, Model, Settings, State, simulate, simulate_vjp};
+use animimic_sim::{Body, Elasticity, Model, Predictor, Settings, State, Stepper, simulate, simulate_vjp};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::Perm;
@@ -28,8 +28,8 @@ const PROBLEMS: [Row; 3] = [
     ("10k", [28, 8, 8], 1e6, 30, [0.307, 0.075]),
     ("50k", [52, 13, 13], 1e5, 8, [2.13, 0.607]),
 ];
-/// Runs of each timing, of which the fastest counts: the machine may be shared.
-const REPEATS: usize = 3;
+/// Runs of each timing, of which the fastest counts for CPU time: the machine may be shared.
+const REPEATS: usize = 5;
 /// CPU seconds over which the linear solve is averaged.
 const SAMPLE_SECS: f64 = 1.0;
 const BEGIN: &str = "<!-- simulation: generated -->";
@@ -49,7 +49,10 @@ fn main() -> Outcome<()> {
     // The pools live as long as the program: a finished thread would take its CPU time out of the sums.
     let pool = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pools = [pool(1)?, pool(2)?];
-    steps_table(&mut text, &pools, &rival)?;
+    let times = steps_times(&pools)?;
+    steps_table(&mut text, &times, &rival)?;
+    threads_table(&mut text, &times)?;
+    backward_table(&mut text, &pools[0])?;
     solver_table(&mut text, &pools)?;
     text.push_str(END);
     let old = std::fs::read_to_string(&file).unwrap_or_default();
@@ -62,48 +65,155 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
+/// Per problem, the runs on one thread and on two, taken in turns.
+fn steps_times(pools: &[ThreadPool; 2]) -> Outcome<Vec<[Vec<Steps>; 2]>> {
+    let mut times = vec![];
+    for (_, cells, e0, steps, _) in PROBLEMS {
+        let problem = driven_beam(cells, e0, 1.0 / 30.0, steps);
+        let mut runs = [vec![], vec![]];
+        for n in 0..2 * REPEATS {
+            let run = pools[n % 2].install(|| time_steps(&problem).map_err(|e| e.to_string()))?;
+            runs[n % 2].push(run);
+        }
+        times.push(runs);
+    }
+    Ok(times)
+}
+
 /// One step and its adjoint, whole simulations divided by their steps.
-fn steps_table(text: &mut String, pools: &[ThreadPool; 2], rival: &[serde_json::Value]) -> Outcome<()> {
+fn steps_table(text: &mut String, times: &[[Vec<Steps>; 2]], rival: &[serde_json::Value]) -> Outcome<()> {
     writeln!(text, "CPU seconds per step, one thread, tolerance 1e-3 m/s, forward / backward, no factors kept:\n")?;
     writeln!(
         text,
-        "| tets | baseline, recorded | baseline, this machine | animimic | against recorded | against this machine | Newton | factorisations | 2 threads, wall |"
+        "| tets | baseline, recorded | baseline, this machine | animimic | against recorded | against this machine | Newton | factorisations |"
     )?;
-    writeln!(text, "|---|---|---|---|---|---|---|---|---|")?;
-    for (name, cells, e0, steps, recorded) in PROBLEMS {
-        let problem = driven_beam(cells, e0, 1.0 / 30.0, steps);
-        let one = fastest(&pools[0], || time_steps(&problem))?;
-        let two = fastest(&pools[1], || time_steps(&problem))?;
-        let here = rival.iter().find(|r| r["size"] == name);
-        let number = |key: &str| here.and_then(|r| r[key].as_f64());
-        let here = number("fwd_cpu_per_step").zip(number("bwd_cpu_per_step"));
-        let ratio = |f: f64, b: f64| format!("{:.1}× / {:.1}×", f / one.cpu[0], b / one.cpu[1]);
+    writeln!(text, "|---|---|---|---|---|---|---|---|")?;
+    for ((name, _, _, _, recorded), [one, _]) in PROBLEMS.into_iter().zip(times) {
+        let cpu = [0, 1].map(|k| one.iter().map(|s| s.cpu()[k]).fold(f64::INFINITY, f64::min));
+        let here = |key: &str| {
+            let same = rival.iter().filter(|r| r["size"] == name).filter_map(|r| r[key].as_f64());
+            same.reduce(f64::min)
+        };
+        let here = here("fwd_cpu_per_step").zip(here("bwd_cpu_per_step"));
+        let ratio = |f: f64, b: f64| format!("{:.1}× / {:.1}×", f / cpu[0], b / cpu[1]);
         writeln!(
             text,
-            "| {name} | {:.4} / {:.4} | {} | {:.5} / {:.5} | {} | {} | {:.2} | {:.2} | {:.5} / {:.5} (one: {:.5} / {:.5}) |",
+            "| {name} | {:.4} / {:.4} | {} | {:.5} / {:.5} | {} | {} | {:.2} | {:.2} |",
             recorded[0],
             recorded[1],
             here.map_or("–".into(), |(f, b)| format!("{f:.4} / {b:.4}")),
-            one.cpu[0],
-            one.cpu[1],
+            cpu[0],
+            cpu[1],
             ratio(recorded[0], recorded[1]),
             here.map_or("–".into(), |(f, b)| ratio(f, b)),
-            one.newton,
-            one.factorizations,
-            two.wall[0],
-            two.wall[1],
-            one.wall[0],
-            one.wall[1],
+            one[0].newton,
+            one[0].factorizations,
         )?;
     }
     Ok(())
 }
 
+/// Two threads against one.
+fn threads_table(text: &mut String, times: &[[Vec<Steps>; 2]]) -> Outcome<()> {
+    writeln!(
+        text,
+        "\nTwo threads against one, seconds per step, forward / backward: wall time, medians of {REPEATS} runs taken in turns, and CPU of the busier thread, the least of the runs, which is the wall time where both cores are free:\n"
+    )?;
+    writeln!(
+        text,
+        "| tets | wall, one | wall, two | faster | busier thread, one | busier thread, two | faster |\n|---|---|---|---|---|---|---|"
+    )?;
+    for ((name, ..), runs) in PROBLEMS.into_iter().zip(times) {
+        write!(text, "| {name} |")?;
+        for (value, pick) in [(Steps::wall as fn(&Steps) -> [f64; 2], REPEATS / 2), (Steps::busiest, 0)] {
+            let ranked = |t: usize, k: usize| {
+                let mut values: Vec<f64> = runs[t].iter().map(|s| value(s)[k]).collect();
+                values.sort_by(f64::total_cmp);
+                values[pick]
+            };
+            let [one, two] = [0, 1].map(|t| [0, 1].map(|k| ranked(t, k)));
+            let faster = [one[0] / two[0], one[1] / two[1]];
+            write!(text, " {:.5} / {:.5} | {:.5} / {:.5} |", one[0], one[1], two[0], two[1])?;
+            write!(text, " {:.2}× / {:.2}× |", faster[0], faster[1])?;
+        }
+        writeln!(text)?;
+    }
+    Ok(())
+}
+
+/// One backward step against one Newton iteration with a factorisation of its own.
+fn backward_table(text: &mut String, pool: &ThreadPool) -> Outcome<()> {
+    writeln!(
+        text,
+        "\nA step backwards against a Newton iteration (assembly, factorisation, solve; and an evaluation of the energy, as the line search makes), milliseconds of CPU, one thread:\n"
+    )?;
+    writeln!(text, "| tets | Newton iteration | energy | backward | against the iteration | against both |")?;
+    writeln!(text, "|---|---|---|---|---|---|")?;
+    for (name, cells, e0, _, _) in PROBLEMS {
+        let problem = driven_beam(cells, e0, 1.0 / 30.0, 6);
+        let [newton, energy, backward] =
+            pool.install(|| time_iteration(&problem).map_err(|e| e.to_string()))?.map(|s| 1e3 * s);
+        writeln!(
+            text,
+            "| {name} | {newton:.3} | {energy:.3} | {backward:.3} | {:.2} | {:.2} |",
+            backward / newton,
+            backward / (newton + energy)
+        )?;
+    }
+    Ok(())
+}
+
+/// CPU seconds of a Newton iteration, an energy and a backward step at the problem's last step.
+fn time_iteration(problem: &Problem) -> Outcome<[f64; 3]> {
+    let body = Body::new(&problem.mesh, &problem.driven)?;
+    let elasticity = Elasticity::per_tet(Model::FixedCorotated, &problem.youngs, BEAM_POISSON, BEAM_DENSITY);
+    let (settings, start) = (Settings::default(), State::at_rest(&problem.mesh.positions));
+    let motion = simulate(&body, &elasticity, &settings, &start, &problem.path)?;
+    let last = problem.path.len() - 1;
+    let (start, end) = (motion.state(last, &settings), &motion.steps[last]);
+    // Any first iterate is good enough for this tolerance.
+    let once = Settings { tolerance: f64::MAX, predictor: Predictor::Inertial, ..Settings::default() };
+    let mut newton = Stepper::new(&body, &elasticity, &once)?;
+    let iteration = sampled(|| match newton.step(&start, &problem.path[last]) {
+        Ok((_, report)) if report.newton == 1 && report.factorizations == 1 => Ok(()),
+        other => Err(format!("not one iteration: {:?}", other.map(|o| o.1))),
+    })?;
+    let energy = sampled(|| newton.energy(&start).map(|_| ()).map_err(|e| e.to_string()))?;
+    let d_end = State { positions: end.clone(), velocities: end.clone() };
+    let mut adjoint = Stepper::new(&body, &elasticity, &settings)?;
+    let backward = sampled(|| adjoint.step_vjp(&start, end, &d_end).map(|_| ()).map_err(|e| e.to_string()))?;
+    Ok([iteration[0], energy[0], backward[0]])
+}
+
+/// Seconds per step, \[forward, backward\], and what the steps did on average.
 struct Steps {
-    cpu: [f64; 2],
-    wall: [f64; 2],
+    time: [Spent; 2],
     newton: f64,
     factorizations: f64,
+}
+
+impl Steps {
+    fn cpu(&self) -> [f64; 2] {
+        [0, 1].map(|k| self.time[k].cpu)
+    }
+
+    fn wall(&self) -> [f64; 2] {
+        [0, 1].map(|k| self.time[k].wall)
+    }
+
+    fn busiest(&self) -> [f64; 2] {
+        [0, 1].map(|k| self.time[k].busiest)
+    }
+}
+
+/// Seconds.
+#[derive(Clone, Copy)]
+struct Spent {
+    /// CPU of all threads.
+    cpu: f64,
+    /// CPU of the busiest thread.
+    busiest: f64,
+    wall: f64,
 }
 
 fn time_steps(problem: &Problem) -> Outcome<Steps> {
@@ -117,28 +227,14 @@ fn time_steps(problem: &Problem) -> Outcome<Steps> {
     gradient?;
     let mean = |f: fn(&animimic_sim::StepReport) -> usize| motion.reports.iter().map(f).sum::<usize>() as f64 / steps;
     Ok(Steps {
-        cpu: [forward[0] / steps, backward[0] / steps],
-        wall: [forward[1] / steps, backward[1] / steps],
+        time: [forward, backward].map(|t| Spent {
+            cpu: t.cpu / steps,
+            busiest: t.busiest / steps,
+            wall: t.wall / steps,
+        }),
         newton: mean(|r| r.newton),
         factorizations: mean(|r| r.factorizations),
     })
-}
-
-/// Smallest times of several runs in a pool.
-fn fastest(pool: &ThreadPool, run: impl Fn() -> Outcome<Steps> + Sync) -> Outcome<Steps> {
-    let mut best: Option<Steps> = None;
-    for _ in 0..REPEATS {
-        let now = pool.install(|| run().map_err(|e| e.to_string()))?;
-        best = Some(match best.take() {
-            None => now,
-            Some(b) => Steps {
-                cpu: [b.cpu[0].min(now.cpu[0]), b.cpu[1].min(now.cpu[1])],
-                wall: [b.wall[0].min(now.wall[0]), b.wall[1].min(now.wall[1])],
-                ..now
-            },
-        });
-    }
-    Ok(best.expect("at least one run"))
 }
 
 /// Factorisation and solve alone, on the bodies' patterns with random positive definite values.
@@ -213,8 +309,7 @@ fn sampled(mut f: impl FnMut() -> Result<(), String>) -> Outcome<[f64; 2]> {
     loop {
         f()?;
         runs += 1.0;
-        let spent = cpu_by_thread()?.into_iter().map(|(t, s)| s - before.get(&t).copied().unwrap_or(0.0));
-        let (total, busiest) = spent.fold((0.0, 0.0f64), |(sum, most), s| (sum + s, most.max(s)));
+        let [total, busiest] = spent_since(&before)?;
         if total > SAMPLE_SECS {
             return Ok([total / runs, busiest / runs]);
         }
@@ -265,17 +360,19 @@ fn time_faer(matrix: &BlockMatrix, ordering: SymmetricOrdering<'_, usize>) -> Ou
     Ok([factor[0], solve[0]])
 }
 
-/// Runs `f`; its result and the CPU (all threads) and wall seconds it took.
-fn timed<T>(f: impl FnOnce() -> T) -> Outcome<(T, [f64; 2])> {
-    let (cpu, wall) = (cpu_seconds()?, std::time::Instant::now());
+/// Runs `f`; its result and the time it took.
+fn timed<T>(f: impl FnOnce() -> T) -> Outcome<(T, Spent)> {
+    let (before, clock) = (cpu_by_thread()?, std::time::Instant::now());
     let result = f();
-    let wall = wall.elapsed().as_secs_f64();
-    Ok((result, [cpu_seconds()? - cpu, wall]))
+    let wall = clock.elapsed().as_secs_f64();
+    let [cpu, busiest] = spent_since(&before)?;
+    Ok((result, Spent { cpu, busiest, wall }))
 }
 
-/// CPU seconds of this process, all threads.
-fn cpu_seconds() -> Outcome<f64> {
-    Ok(cpu_by_thread()?.values().sum())
+/// CPU seconds since `before`, of all threads and of the busiest one.
+fn spent_since(before: &BTreeMap<std::ffi::OsString, f64>) -> Outcome<[f64; 2]> {
+    let spent = cpu_by_thread()?.into_iter().map(|(t, s)| s - before.get(&t).copied().unwrap_or(0.0));
+    Ok(spent.fold([0.0, 0.0], |[sum, most], s| [sum + s, f64::max(most, s)]))
 }
 
 /// CPU seconds of every thread of this process, in nanosecond resolution (Linux).

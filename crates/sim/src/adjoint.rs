@@ -48,7 +48,7 @@ pub struct StepGradient {
     pub d_stiffness_damping: f64,
     /// Whether the Hessian at the step's end was indefinite.
     pub indefinite: bool,
-    /// Relative residual the linear solve was stopped at, if it missed its tolerance.
+    /// Whether the linear solve missed its tolerance.
     pub unsolved: bool,
 }
 
@@ -147,15 +147,16 @@ impl Stepper<'_> {
         let b: Vec<DVec3> = pairs.map(|(x, v)| *x + *v / h).collect();
         let objective = self.objective(start);
         self.assemble(&objective, end, Eigenvalues::True);
-        let (solution, indefinite, unsolved) = self.solve_adjoint(&self.to_free(&b));
+        let solved = self.solve_adjoint(self.to_free(&b));
         let mut a = vec![DVec3::ZERO; n];
-        self.add_free(&mut a, 1.0, &solution);
+        self.add_free(&mut a, 1.0, &solved.x[0]);
         let mut scratch = std::mem::take(&mut self.scratch);
         let medium = self.medium(&start.positions);
         let c = assembly::contract(&medium, &self.lame_by_poisson, end, &a, &mut scratch);
         self.scratch = scratch;
 
-        let mut result = StepGradient { indefinite, unsolved, ..StepGradient::default() };
+        let mut result =
+            StepGradient { indefinite: solved.indefinite, unsolved: solved.unsolved, ..StepGradient::default() };
         result.d_ln_youngs = vec![0.0; self.elasticity.ln_youngs.len()];
         for (cluster, v) in self.elasticity.cluster.iter().zip(&c.by_ln_youngs) {
             result.d_ln_youngs[*cluster as usize] -= h * h * v;
@@ -180,37 +181,36 @@ impl Stepper<'_> {
         for (d, f) in result.d_start.positions.iter_mut().zip(&c.by_start) {
             *d -= h * h * *f;
         }
-        let pulled = |&v: &u32| b[v as usize] - h * h * c.product[v as usize];
-        result.d_driven = self.body.driven.iter().map(pulled).collect();
+        let pulled = |(&v, f): (&u32, &DVec3)| b[v as usize] - h * h * *f;
+        result.d_driven = self.body.driven.iter().zip(&c.on_driven).map(pulled).collect();
         Ok(result)
     }
 
-    /// A⁻¹ b with the true Hessian; whether it was indefinite, and whether the solve missed its tolerance.
-    fn solve_adjoint(&mut self, b: &[f64]) -> (Vec<f64>, bool, bool) {
+    /// A⁻¹ b with the true Hessian.
+    fn solve_adjoint(&mut self, b: Vec<f64>) -> Solved {
         if b.iter().all(|v| *v == 0.0) {
-            return (b.to_vec(), false, false);
+            return Solved { x: vec![b], ..Solved::default() };
         }
         if std::mem::take(&mut self.factor_is_near) {
-            let (a, ended) = self.iterate(b, ADJOINT_TOLERANCE, self.iteration_limit());
+            let (a, ended) = self.iterate(&b, ADJOINT_TOLERANCE, self.iteration_limit());
             if matches!(ended, Ended::Converged { .. }) {
-                return (a, false, false);
+                return Solved { x: vec![a], ..Solved::default() };
             }
         }
-        let (mut solved, indefinite, unsolved) = self.solve_many(vec![b.to_vec()]);
-        (solved.pop().expect("one right-hand side"), indefinite, unsolved)
+        self.solve_many(vec![b])
     }
 
     /// A⁻¹ b for several right-hand sides, as in the adjoint: directly where A is positive definite, else by MINRES.
-    pub(crate) fn solve_many(&mut self, mut rhs: Vec<Vec<f64>>) -> (Vec<Vec<f64>>, bool, bool) {
+    pub(crate) fn solve_many(&mut self, mut rhs: Vec<Vec<f64>>) -> Solved {
         if self.factorize(0.0) {
             rhs.iter_mut().for_each(|b| self.solve(b));
-            return (rhs, false, false);
+            return Solved { x: rhs, ..Solved::default() };
         }
         let shifted = (0..MAX_SHIFTS).any(|n| self.factorize(FIRST_SHIFT * 4f64.powi(n)));
         if !shifted {
             // Only a matrix that is not finite gets here: the state it was assembled at is not.
             rhs.iter_mut().for_each(|b| b.fill(0.0));
-            return (rhs, true, true);
+            return Solved { x: rhs, indefinite: true, unsolved: true };
         }
         let factor = self.factor.as_ref().expect("factored above");
         let mut unsolved = false;
@@ -220,6 +220,90 @@ impl Stepper<'_> {
             unsolved |= !matches!(ended, Ended::Converged { .. });
             *b = a;
         }
-        (rhs, true, unsolved)
+        Solved { x: rhs, indefinite: true, unsolved }
+    }
+}
+
+/// Solutions of linear systems with the true Hessian.
+#[derive(Default)]
+pub(crate) struct Solved {
+    /// One per right-hand side.
+    pub x: Vec<Vec<f64>>,
+    /// Whether the Hessian was indefinite.
+    pub indefinite: bool,
+    /// Whether any solve missed its tolerance.
+    pub unsolved: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::Filter;
+    use crate::fixtures::column;
+    use crate::models::Model;
+    use animimic_math::gradcheck::{SplitMix64, gradient_error};
+
+    /// What one step of the column depends on, as one flat list: ln E per cluster, ν, start, driven ends.
+    struct Inputs {
+        elasticity: Elasticity,
+        start: State,
+        driven: Vec<DVec3>,
+    }
+
+    impl Inputs {
+        fn parts(&mut self) -> impl Iterator<Item = &mut f64> {
+            let fields = [&mut self.start.positions, &mut self.start.velocities, &mut self.driven];
+            let fields = fields.into_iter().flatten().flat_map(|p| p.as_mut() as &mut [f64; 3]);
+            self.elasticity.ln_youngs.iter_mut().chain([&mut self.elasticity.poisson]).chain(fields)
+        }
+    }
+
+    #[test]
+    fn the_adjoint_at_a_saddle_is_that_of_the_stationary_point() {
+        // A straight column squeezed beyond buckling. Its stationary point is followed by plain Newton, which unlike a
+        // descent stays on the saddle when the inputs push the column aside.
+        let (mesh, ends) = column(6, 0.125);
+        let body = Body::new(&mesh, &ends).expect("a good mesh");
+        let cluster = (0..mesh.tets.len() as u32).map(|t| t % 2).collect();
+        let ln_youngs = vec![2e5f64.ln(); 2];
+        let material = Elasticity { model: Model::FixedCorotated, cluster, ln_youngs, poisson: 0.3, density: 1000.0 };
+        let settings = Settings { frame_time: 0.2, filter: Filter::Clamp, tolerance: 1e-11, ..Settings::default() };
+        let squeezed: Vec<DVec3> = mesh.positions.iter().map(|p| DVec3::new(0.75 * p.x, p.y, p.z)).collect();
+        let driven: Vec<DVec3> = ends.iter().map(|&v| squeezed[v as usize]).collect();
+        let mut inputs = Inputs { elasticity: material, start: State::at_rest(&squeezed), driven };
+        let mut stepper = Stepper::new(&body, &inputs.elasticity, &settings).expect("good input");
+        let (end, report) = stepper.step(&inputs.start, &inputs.driven).expect("good input");
+        assert!(report.converged);
+
+        let mut rng = SplitMix64(9);
+        let mut random = || -> Vec<DVec3> {
+            mesh.positions.iter().map(|_| DVec3::new(rng.normal(), rng.normal(), rng.normal())).collect()
+        };
+        let d_end = State { positions: random(), velocities: random() };
+        let g = stepper.step_vjp(&inputs.start, &end.positions, &d_end).expect("good input");
+        assert!(g.indefinite && !g.unsolved, "the column is beyond buckling");
+        let fields = [&g.d_start.positions, &g.d_start.velocities, &g.d_driven];
+        let fields = fields.into_iter().flatten().flat_map(|p| p.to_array());
+        let gradient: Vec<f64> = g.d_ln_youngs.iter().copied().chain([g.d_poisson]).chain(fields).collect();
+        let x: Vec<f64> = inputs.parts().map(|p| *p).collect();
+        let h = settings.step_time();
+        let loss = |p: &[f64]| {
+            inputs.parts().zip(p).for_each(|(part, p)| *part = *p);
+            let mut stepper = Stepper::new(&body, &inputs.elasticity, &settings).expect("good input");
+            let objective = stepper.objective(&inputs.start);
+            let mut y = end.positions.clone();
+            ends.iter().zip(&inputs.driven).for_each(|(&v, d)| y[v as usize] = *d);
+            for _ in 0..8 {
+                let now = stepper.assemble(&objective, &y, Eigenvalues::True);
+                let solved = stepper.solve_many(vec![now.gradient]);
+                assert!(solved.indefinite && !solved.unsolved);
+                stepper.add_free(&mut y, -1.0, &solved.x[0]);
+            }
+            let pairs = y.iter().zip(&inputs.start.positions).zip(d_end.positions.iter().zip(&d_end.velocities));
+            pairs.map(|((y, x), (dx, dv))| dx.dot(*y) + dv.dot((*y - *x) / h)).sum()
+        };
+        let error = gradient_error(loss, &x, &gradient, 6, &[1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7], 2);
+        println!("gradient at a saddle: {error:.1e}");
+        assert!(error < 1e-6);
     }
 }

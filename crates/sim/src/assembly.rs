@@ -3,12 +3,12 @@
 //! Each chunk adds into buffers of its own; a second pass adds the chunks' slots per vertex and per block in a fixed
 //! order. No atomics: the same bytes for any number of threads.
 
-use crate::body::{Body, Chunk};
-use crate::damping;
+use crate::body::{Batch, Body, Chunk};
+use crate::damping::Damper;
 use crate::element::{self, Lame, add_blocks, add_forces, deformation_gradient, gradient_difference, local_field};
 use crate::filter::{Eigenvalues, filtered_blocks};
-use crate::models::{Energy, Model, with_model};
-use animimic_math::lanes::{Mat3x4, splat};
+use crate::models::{Energy, Kinematics, Model, with_model};
+use animimic_math::lanes::{Lanes, Mat3x4, splat};
 use animimic_math::sparse::BlockMatrix;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -39,6 +39,78 @@ pub(crate) struct Medium<'a> {
     pub damper: Option<(&'a [DVec3], f64)>,
 }
 
+/// What every sum knows of four tets before it begins.
+struct Point<'a> {
+    mu: Lanes,
+    lambda: Lanes,
+    k: Kinematics,
+    /// Borrowed: within the point it would keep the kinematics out of registers.
+    damper: Option<&'a Damper>,
+}
+
+impl Medium<'_> {
+    /// Visits the chunk's batches with their kinematics at `x`.
+    #[inline(always)]
+    fn for_batches<M: Energy>(&self, chunk: &Chunk, x: &[DVec3], mut visit: impl FnMut(&Batch, Point)) {
+        let x = local_field(chunk, x);
+        let damper = self.damper.map(|(start, rate)| (local_field(chunk, start), splat(rate)));
+        for batch in &chunk.batches {
+            let (mu, lambda) = self.lame.lanes(&batch.tet);
+            let k = element::kinematics::<M>(deformation_gradient(batch, &x));
+            let damper = damper.as_ref().map(|(start, rate)| {
+                let d = gradient_difference(batch, &x, start);
+                Damper::new(self.model, &deformation_gradient(batch, start), d, *rate, mu, lambda)
+            });
+            visit(batch, Point { mu, lambda, k, damper: damper.as_ref() });
+        }
+    }
+}
+
+impl Point<'_> {
+    /// ψ per unit rest volume, damper included.
+    #[inline(always)]
+    fn energy<M: Energy>(&self) -> Lanes {
+        let elastic = M::energy(&self.k, self.mu, self.lambda);
+        self.damper.map_or(elastic, |d| elastic + d.potential())
+    }
+
+    /// P, damper included.
+    #[inline(always)]
+    fn stress<M: Energy>(&self) -> Mat3x4 {
+        let p = element::stress_tensor::<M>(&self.k, &M::stress(&self.k, self.mu, self.lambda));
+        self.damper.map_or(p, |d| p.plus(&d.stress()))
+    }
+
+    /// P : Z with any Lamé parameters, damper included: by linearity also what ∂P to anything they depend on does.
+    #[inline(always)]
+    fn work<M: Energy>(&self, mu: Lanes, lambda: Lanes, z: &Mat3x4) -> Lanes {
+        let elastic = element::stress_work::<M>(&self.k, &M::stress(&self.k, mu, lambda), z);
+        self.damper.map_or(elastic, |d| elastic + d.stress_with(mu, lambda).ddot(z))
+    }
+
+    /// ∂P/∂F : dF, damper included.
+    #[inline(always)]
+    fn differential<M: Energy>(&self, df: &Mat3x4) -> Mat3x4 {
+        let (s, h) = (M::stress(&self.k, self.mu, self.lambda), M::curvature(&self.k, self.mu, self.lambda));
+        let dp = element::stress_differential::<M>(&self.k, &s, &h, df);
+        self.damper.map_or(dp, |d| dp.plus(&d.differential(df)))
+    }
+
+    /// Blocks of weight × ∂²Ψ, damper included.
+    #[inline(always)]
+    fn blocks<M: Energy>(&self, batch: &Batch, filter: Eigenvalues, weight: Lanes) -> element::FreeBlocks {
+        let (s, h) = (M::stress(&self.k, self.mu, self.lambda), M::curvature(&self.k, self.mu, self.lambda));
+        let mut blocks = match filter {
+            Eigenvalues::True => element::true_blocks::<M>(batch, &self.k, &s, &h, weight),
+            _ => filtered_blocks(batch, &self.k, &s, &h, weight, filter),
+        };
+        if let Some(d) = self.damper {
+            d.add_blocks(batch, weight, &mut blocks);
+        }
+        blocks
+    }
+}
+
 impl Scratch {
     /// Runs `f` on every chunk, in parallel, and returns its results in chunk order.
     fn for_chunks<T: Send>(&mut self, body: &Body, blocks: bool, f: impl Fn(Part) -> T + Sync + Send) -> Vec<T> {
@@ -64,38 +136,26 @@ impl Scratch {
     }
 }
 
+/// Sum of one vertex's slots.
+fn sum_slots(body: &Body, flat: &[DVec3], v: usize) -> DVec3 {
+    body.vertex_slots.of(v).iter().fold(DVec3::ZERO, |s, &slot| s + flat[slot as usize])
+}
+
 /// Sums slots per vertex.
 fn gather_vertices(body: &Body, flat: &[DVec3], out: &mut [DVec3]) {
-    let sum = |v: usize| body.vertex_slots.of(v).iter().fold(DVec3::ZERO, |s, &slot| s + flat[slot as usize]);
-    out.par_iter_mut().enumerate().with_min_len(4096).for_each(|(v, o)| *o = sum(v));
+    out.par_iter_mut().enumerate().with_min_len(4096).for_each(|(v, o)| *o = sum_slots(body, flat, v));
 }
 
 /// Ψ(x) [J] plus the damper's potential divided by h².
 pub(crate) fn energy(medium: &Medium, x: &[DVec3], scratch: &mut Scratch) -> f64 {
-    with_model!(medium.model, M => energy_of::<M>(medium, x, scratch))
-}
-
-fn energy_of<M: Energy>(medium: &Medium, x: &[DVec3], scratch: &mut Scratch) -> f64 {
-    let sums = scratch.for_chunks(medium.body, false, |part| {
-        let (mut local, mut start) = (vec![], vec![]);
-        local_field(part.chunk, x, &mut local);
-        if let Some((from, _)) = medium.damper {
-            local_field(part.chunk, from, &mut start);
-        }
-        let mut sum = splat(0.0);
-        for batch in &part.chunk.batches {
-            let (mu, lambda) = medium.lame.lanes(&batch.tet);
-            let k = element::kinematics::<M>(deformation_gradient(batch, &local));
-            sum += batch.volume * M::energy(&k, mu, lambda);
-            if let Some((_, rate)) = medium.damper {
-                let frame = damping::frame(medium.model, &deformation_gradient(batch, &start));
-                let d = gradient_difference(batch, &local, &start);
-                sum += batch.volume * splat(rate) * damping::potential(&frame.r, &d, mu, lambda);
-            }
-        }
-        sum.reduce_add()
-    });
-    sums.iter().sum()
+    with_model!(medium.model, M => {
+        let sums = scratch.for_chunks(medium.body, false, |part| {
+            let mut sum = splat(0.0);
+            medium.for_batches::<M>(part.chunk, x, |batch, point| sum += batch.volume * point.energy::<M>());
+            sum.reduce_add()
+        });
+        sums.iter().sum()
+    })
 }
 
 /// Ψ(x), ∂Ψ/∂x per vertex into `gradient`, weight × ∂²Ψ on the free vertices into `matrix`; damper included.
@@ -108,52 +168,18 @@ pub(crate) fn hessian(
     gradient: &mut [DVec3],
     matrix: &mut BlockMatrix,
 ) -> f64 {
-    with_model!(medium.model, M => hessian_of::<M>(medium, x, filter, weight, scratch, gradient, matrix))
-}
-
-fn hessian_of<M: Energy>(
-    medium: &Medium,
-    x: &[DVec3],
-    filter: Eigenvalues,
-    weight: f64,
-    scratch: &mut Scratch,
-    gradient: &mut [DVec3],
-    matrix: &mut BlockMatrix,
-) -> f64 {
-    let body = medium.body;
-    let weight = splat(weight);
+    let (body, weight) = (medium.body, splat(weight));
     // Linear elasticity has a semidefinite Hessian already.
     let filter = if medium.model == Model::Linear { Eigenvalues::True } else { filter };
-    let sums = scratch.for_chunks(body, true, |part| {
-        let (mut local, mut start) = (vec![], vec![]);
-        local_field(part.chunk, x, &mut local);
-        if let Some((from, _)) = medium.damper {
-            local_field(part.chunk, from, &mut start);
-        }
+    let sums = with_model!(medium.model, M => scratch.for_chunks(body, true, |part| {
         let mut sum = splat(0.0);
-        for batch in &part.chunk.batches {
-            let (mu, lambda) = medium.lame.lanes(&batch.tet);
-            let k = element::kinematics::<M>(deformation_gradient(batch, &local));
-            let (s, h) = (M::stress(&k, mu, lambda), M::curvature(&k, mu, lambda));
-            sum += batch.volume * M::energy(&k, mu, lambda);
-            let mut p = element::stress_tensor::<M>(&k, &s);
-            let mut blocks = match filter {
-                Eigenvalues::True => element::true_blocks::<M>(batch, &k, &s, &h, weight),
-                _ => filtered_blocks(batch, &k, &s, &h, weight, filter),
-            };
-            if let Some((_, rate)) = medium.damper {
-                let rate = splat(rate);
-                let frame = damping::frame(medium.model, &deformation_gradient(batch, &start));
-                let d = gradient_difference(batch, &local, &start);
-                sum += batch.volume * rate * damping::potential(&frame.r, &d, mu, lambda);
-                p = p.plus(&damping::stress(&frame.r, &d, mu, lambda).scaled(rate));
-                damping::add_blocks(batch, &frame.r, mu, lambda, weight * rate, &mut blocks);
-            }
-            add_forces(batch, &p, part.forces);
-            add_blocks(batch, &blocks, part.blocks);
-        }
+        medium.for_batches::<M>(part.chunk, x, |batch, point| {
+            sum += batch.volume * point.energy::<M>();
+            add_forces(batch, &point.stress::<M>(), part.forces);
+            add_blocks(batch, &point.blocks::<M>(batch, filter, weight), part.blocks);
+        });
         sum.reduce_add()
-    });
+    }));
     gather_vertices(body, &scratch.forces, gradient);
     let flat = &scratch.blocks;
     let sum = |k: usize, out: &mut [f64; 9]| {
@@ -165,7 +191,7 @@ fn hessian_of<M: Energy>(
     sums.iter().sum()
 }
 
-/// ∂Ψ/∂x at `x` (damper excluded) into `gradient` and (∂²Ψ) u into `product`, for a field u on all vertices.
+/// ∂Ψ/∂x at `x` into `gradient` and (∂²Ψ) u into `product`, for a field u on all vertices; damper included.
 pub(crate) fn gradient_and_product(
     medium: &Medium,
     x: &[DVec3],
@@ -176,17 +202,12 @@ pub(crate) fn gradient_and_product(
 ) {
     with_model!(medium.model, M => {
         scratch.for_chunks(medium.body, false, |part| {
-            let (mut local, mut direction) = (vec![], vec![]);
-            local_field(part.chunk, x, &mut local);
-            local_field(part.chunk, u, &mut direction);
-            for batch in &part.chunk.batches {
-                let (mu, lambda) = medium.lame.lanes(&batch.tet);
-                let k = element::kinematics::<M>(deformation_gradient(batch, &local));
-                let (s, h) = (M::stress(&k, mu, lambda), M::curvature(&k, mu, lambda));
-                add_forces(batch, &element::stress_tensor::<M>(&k, &s), part.forces);
+            let direction = local_field(part.chunk, u);
+            medium.for_batches::<M>(part.chunk, x, |batch, point| {
+                add_forces(batch, &point.stress::<M>(), part.forces);
                 let du = deformation_gradient(batch, &direction);
-                add_forces(batch, &element::stress_differential::<M>(&k, &s, &h, &du), part.second);
-            }
+                add_forces(batch, &point.differential::<M>(&du), part.second);
+            });
         });
     });
     gather_vertices(medium.body, &scratch.forces, gradient);
@@ -201,8 +222,8 @@ pub(crate) struct Contraction {
     pub by_poisson: f64,
     /// a · ∂(damper force)/∂β × β [J].
     pub by_damping: f64,
-    /// (∂²Ψ) a per vertex, damper included [N].
-    pub product: Vec<DVec3>,
+    /// (∂²Ψ) a, damper included, on driven vertices in their order [N].
+    pub on_driven: Vec<DVec3>,
     /// ∂(a · damper force)/∂xⁿ per vertex [N]; empty without damper.
     pub by_start: Vec<DVec3>,
 }
@@ -215,59 +236,32 @@ pub(crate) fn contract(
     a: &[DVec3],
     scratch: &mut Scratch,
 ) -> Contraction {
-    with_model!(medium.model, M => contract_of::<M>(medium, by_poisson, x, a, scratch))
-}
-
-fn contract_of<M: Energy>(
-    medium: &Medium,
-    by_poisson: &Lame,
-    x: &[DVec3],
-    a: &[DVec3],
-    scratch: &mut Scratch,
-) -> Contraction {
     let body = medium.body;
-    let parts = scratch.for_chunks(body, false, |part| {
-        let (mut local, mut direction, mut start) = (vec![], vec![], vec![]);
-        local_field(part.chunk, x, &mut local);
-        local_field(part.chunk, a, &mut direction);
-        if let Some((from, _)) = medium.damper {
-            local_field(part.chunk, from, &mut start);
-        }
+    let parts = with_model!(medium.model, M => scratch.for_chunks(body, false, |part| {
+        let direction = local_field(part.chunk, a);
         let mut per_tet = Vec::with_capacity(part.chunk.batches.len() * 4);
-        let (mut poisson, mut damping_sum) = (splat(0.0), splat(0.0));
-        for batch in &part.chunk.batches {
-            let (mu, lambda) = medium.lame.lanes(&batch.tet);
-            let (dmu, dlambda) = by_poisson.lanes(&batch.tet);
-            let k = element::kinematics::<M>(deformation_gradient(batch, &local));
-            let (s, h) = (M::stress(&k, mu, lambda), M::curvature(&k, mu, lambda));
+        let (mut poisson, mut damping) = (splat(0.0), splat(0.0));
+        medium.for_batches::<M>(part.chunk, x, |batch, point| {
             let z = deformation_gradient(batch, &direction);
-            let mut p = element::stress_tensor::<M>(&k, &s);
-            let mut p_poisson = element::stress_tensor::<M>(&k, &M::stress(&k, dmu, dlambda));
-            let mut dp = element::stress_differential::<M>(&k, &s, &h, &z);
-            if let Some((_, rate)) = medium.damper {
-                let rate = splat(rate);
-                let frame = damping::frame(medium.model, &deformation_gradient(batch, &start));
-                let d = gradient_difference(batch, &local, &start);
-                let viscous = damping::stress(&frame.r, &d, mu, lambda).scaled(rate);
-                damping_sum += batch.volume * viscous.ddot(&z);
-                p = p.plus(&viscous);
-                p_poisson = p_poisson.plus(&damping::stress(&frame.r, &d, dmu, dlambda).scaled(rate));
-                dp = dp.plus(&damping::stress(&frame.r, &z, mu, lambda).scaled(rate));
-                let back: Mat3x4 = damping::start_gradient(&frame, &d, &z, mu, lambda).scaled(rate);
-                add_forces(batch, &back, part.second);
-            }
-            add_forces(batch, &dp, part.forces);
-            poisson += batch.volume * p_poisson.ddot(&z);
-            let by_e = (batch.volume * p.ddot(&z)).to_array();
+            let (dmu, dlambda) = by_poisson.lanes(&batch.tet);
+            poisson += batch.volume * point.work::<M>(dmu, dlambda, &z);
+            let by_e = (batch.volume * point.work::<M>(point.mu, point.lambda, &z)).to_array();
             (0..batch.used).for_each(|l| per_tet.push((batch.tet[l], by_e[l])));
-        }
-        (per_tet, poisson.reduce_add(), damping_sum.reduce_add())
-    });
+            if batch.touches_driven() {
+                add_forces(batch, &point.differential::<M>(&z), part.forces);
+            }
+            if let Some(damper) = point.damper {
+                damping += batch.volume * damper.stress().ddot(&z);
+                add_forces(batch, &damper.start_gradient(&z), part.second);
+            }
+        });
+        (per_tet, poisson.reduce_add(), damping.reduce_add())
+    }));
     let mut result = Contraction {
         by_ln_youngs: vec![0.0; body.volume.len()],
         by_poisson: 0.0,
         by_damping: 0.0,
-        product: vec![DVec3::ZERO; body.rest.len()],
+        on_driven: body.driven.iter().map(|&v| sum_slots(body, &scratch.forces, v as usize)).collect(),
         by_start: vec![],
     };
     for (per_tet, poisson, damping) in parts {
@@ -275,7 +269,6 @@ fn contract_of<M: Energy>(
         result.by_poisson += poisson;
         result.by_damping += damping;
     }
-    gather_vertices(body, &scratch.forces, &mut result.product);
     if medium.damper.is_some() {
         result.by_start = vec![DVec3::ZERO; body.rest.len()];
         gather_vertices(body, &scratch.second, &mut result.by_start);
@@ -283,38 +276,35 @@ fn contract_of<M: Energy>(
     result
 }
 
-/// ∂(∂Ψ/∂x)/∂ln E_c per cluster, on free vertices in elimination order: \[cluster\]\[3 × free\] \[N\]; damper included.
-pub(crate) fn forces_by_cluster(medium: &Medium, cluster: &[u32], clusters: usize, x: &[DVec3]) -> Vec<Vec<f64>> {
-    let body = medium.body;
-    let mut position = vec![u32::MAX; body.rest.len()];
-    body.free.iter().enumerate().for_each(|(p, &v)| position[v as usize] = p as u32);
-    let mut out = vec![vec![0.0; 3 * body.free.len()]; clusters];
-    with_model!(medium.model, M => for chunk in &body.chunks {
-        let (mut local, mut start) = (vec![], vec![]);
-        local_field(chunk, x, &mut local);
-        if let Some((from, _)) = medium.damper {
-            local_field(chunk, from, &mut start);
-        }
-        for batch in &chunk.batches {
-            let (mu, lambda) = medium.lame.lanes(&batch.tet);
-            let k = element::kinematics::<M>(deformation_gradient(batch, &local));
-            let mut p = element::stress_tensor::<M>(&k, &M::stress(&k, mu, lambda));
-            if let Some((_, rate)) = medium.damper {
-                let frame = damping::frame(medium.model, &deformation_gradient(batch, &start));
-                let d = gradient_difference(batch, &local, &start);
-                p = p.plus(&damping::stress(&frame.r, &d, mu, lambda).scaled(splat(rate)));
-            }
-            let forces = element::corner_forces(batch, &p);
+/// ∂(damper force)/∂xⁿ u per vertex [N], for a field u on all vertices: the forward counterpart of
+/// [`Contraction::by_start`]. Zero without damper.
+pub(crate) fn start_product(medium: &Medium, x: &[DVec3], u: &[DVec3], scratch: &mut Scratch, out: &mut [DVec3]) {
+    with_model!(medium.model, M => {
+        scratch.for_chunks(medium.body, false, |part| {
+            let direction = local_field(part.chunk, u);
+            medium.for_batches::<M>(part.chunk, x, |batch, point| {
+                if let Some(damper) = point.damper {
+                    let du = deformation_gradient(batch, &direction);
+                    add_forces(batch, &damper.start_differential(&du), part.forces);
+                }
+            });
+        });
+    });
+    gather_vertices(medium.body, &scratch.forces, out);
+}
+
+/// ∂(∂Ψ/∂x)/∂ln E_c per cluster and vertex [N]; damper included.
+pub(crate) fn forces_by_cluster(medium: &Medium, cluster: &[u32], clusters: usize, x: &[DVec3]) -> Vec<Vec<DVec3>> {
+    let mut out = vec![vec![DVec3::ZERO; x.len()]; clusters];
+    with_model!(medium.model, M => for chunk in &medium.body.chunks {
+        medium.for_batches::<M>(chunk, x, |batch, point| {
+            let forces = element::corner_forces(batch, &point.stress::<M>());
             for l in 0..batch.used {
                 let target = &mut out[cluster[batch.tet[l] as usize] as usize];
-                for (corner, f) in batch.corner[l].iter().zip(&forces[l]) {
-                    let at = position[chunk.vertices[*corner as usize] as usize];
-                    if at != u32::MAX {
-                        (0..3).for_each(|c| target[3 * at as usize + c] += f[c]);
-                    }
-                }
+                let corners = batch.corner[l].iter().map(|&c| chunk.vertices[c as usize] as usize);
+                corners.zip(&forces[l]).for_each(|(v, f)| target[v] += *f);
             }
-        }
+        });
     });
     out
 }

@@ -4,6 +4,7 @@
 //! order of the free vertices, the block pattern of the Hessian and its symbolic analysis.
 
 use crate::error::{SimError, check_finite};
+use crate::winding::Edges;
 use animimic_math::lanes::{LANES, Lanes, Vec3x4};
 use animimic_math::sparse::{BlockPattern, Symbolic, nested_dissection};
 use animimic_scene::TetMesh;
@@ -34,6 +35,14 @@ pub(crate) struct Batch {
     pub volume: Lanes,
     /// Block of each pair of [`PAIRS`] in the chunk's block list, [`NO_BLOCK`] where a corner is driven.
     pub block: [[u16; 10]; LANES],
+}
+
+impl Batch {
+    /// Whether any of its tets has a driven corner.
+    pub fn touches_driven(&self) -> bool {
+        // Driven corners are last, so the last pair's block tells.
+        self.block[..self.used].iter().any(|pairs| pairs[9] == NO_BLOCK)
+    }
 }
 
 /// A few hundred neighbouring tets.
@@ -96,6 +105,7 @@ pub struct Body {
     pub symbolic: Symbolic,
     pub(crate) vertex_slots: Gather,
     pub(crate) block_slots: Gather,
+    pub(crate) edges: Edges,
 }
 
 impl Body {
@@ -130,6 +140,7 @@ impl Body {
             symbolic,
             vertex_slots,
             block_slots,
+            edges: Edges::new(&mesh.tets),
         })
     }
 

@@ -74,6 +74,13 @@ pub(crate) fn stress_tensor<M: Energy>(k: &Kinematics, s: &Stress) -> Mat3x4 {
     p
 }
 
+/// P : Z from the coefficients of P, which is never formed.
+#[inline(always)]
+pub(crate) fn stress_work<M: Energy>(k: &Kinematics, s: &Stress, z: &Mat3x4) -> Lanes {
+    let w = s.f * k.f.ddot(z) + s.cof * k.cof.ddot(z) + s.ft * k.f.transpose().ddot(z) + s.id * z.trace();
+    if M::ROTATES { w + s.r * k.r.ddot(z) } else { w }
+}
+
 /// Axial vector Σ_j A_j × B_j of two matrices' columns.
 #[inline(always)]
 pub(crate) fn axial(a: &Mat3x4, b: &Mat3x4) -> Vec3x4 {
@@ -215,10 +222,9 @@ pub(crate) fn add_blocks(batch: &Batch, k: &FreeBlocks, out: &mut [[f64; 9]]) {
     debug_assert_eq!(PAIRS.len(), all.len());
 }
 
-/// Copies the chunk's part of a vertex field.
-pub(crate) fn local_field(chunk: &Chunk, x: &[DVec3], local: &mut Vec<DVec3>) {
-    local.clear();
-    local.extend(chunk.vertices.iter().map(|&v| x[v as usize]));
+/// The chunk's part of a vertex field.
+pub(crate) fn local_field(chunk: &Chunk, x: &[DVec3]) -> Vec<DVec3> {
+    chunk.vertices.iter().map(|&v| x[v as usize]).collect()
 }
 
 /// F of a batch from the chunk's positions.

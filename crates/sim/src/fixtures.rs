@@ -2,6 +2,7 @@
 
 use animimic_scene::TetMesh;
 use glam::{DMat3, DVec3};
+use std::collections::BTreeMap;
 
 /// A box of `size` [m] with one corner at the origin, cut into `cells` cells of six tets each (Kuhn 1960); vertices are
 /// numbered x-major, z fastest.
@@ -34,6 +35,44 @@ pub fn beam(cells: [usize; 3], size: [f64; 3]) -> TetMesh {
         }
     }
     mesh
+}
+
+/// A square column of `cells` cubes of edge `width` [m] along x from the origin, its axis in the middle of y, z ∈ \[0, width\].
+///
+/// Every cube is cut into 24 tets around its centre, so that the mesh has all the symmetries of the column: squeezed
+/// straight it is exactly on the saddle from which it would buckle. Returns also the vertices of the two end faces.
+pub fn column(cells: usize, width: f64) -> (TetMesh, Vec<u32>) {
+    let mut mesh = TetMesh::default();
+    // Points in half cells; every point with a fixed number of odd coordinates is a corner, face centre or cell centre.
+    let mut number = BTreeMap::new();
+    for p in (0..=2 * cells).flat_map(|i| (0..9).map(move |n| [i, n / 3, n % 3])) {
+        if p.iter().filter(|c| *c % 2 == 1).count() != 1 {
+            number.insert(p, mesh.positions.len() as u32);
+            mesh.positions.push(0.5 * width * DVec3::new(p[0] as f64, p[1] as f64, p[2] as f64));
+        }
+    }
+    for cell in 0..cells {
+        let centre = [2 * cell + 1, 1, 1];
+        for (axis, side) in (0..3).flat_map(|axis| [(axis, 0), (axis, 2)]) {
+            let at = |offsets: [usize; 2]| {
+                let mut p = centre;
+                p[axis] = p[axis] + side - 1;
+                p[(axis + 1) % 3] = p[(axis + 1) % 3] + offsets[0] - 1;
+                p[(axis + 2) % 3] = p[(axis + 2) % 3] + offsets[1] - 1;
+                number[&p]
+            };
+            let around = [[0, 0], [2, 0], [2, 2], [0, 2]];
+            for n in 0..4 {
+                let (a, b) = (at(around[n]), at(around[(n + 1) % 4]));
+                let (a, b) = if side == 2 { (a, b) } else { (b, a) };
+                mesh.tets.push([number[&centre], at([1, 1]), a, b]);
+            }
+        }
+    }
+    let end = cells as f64 * width;
+    let at_end = |v: &u32| [0.0, end].contains(&mesh.positions[*v as usize].x);
+    let ends = (0..mesh.positions.len() as u32).filter(at_end).collect();
+    (mesh, ends)
 }
 
 /// A simulation problem: mesh, moduli, driven vertices and their path.

@@ -1,7 +1,8 @@
 //! Forward sensitivities of a motion to the moduli of its clusters, and Gauss–Newton on them.
 //!
 //! S = ∂x/∂ln E_c and W = ∂v/∂ln E_c follow each step with the factor of its true Hessian A:
-//!     A S⁺ = M((1 + hα) S + h W) − h² ∂f/∂ln E_c  (+ damper),    W⁺ = (S⁺ − S)/h.
+//!     A S⁺ = M((1 + hα) S + h W) − h² (∂f/∂ln E_c + ∂f/∂xⁿ S),    W⁺ = (S⁺ − S)/h,
+//! where f, the internal force, owes something to xⁿ only through the stiffness damping.
 //! With few clusters this gives the whole Jacobian for one factorisation and K solves a step.
 
 use crate::assembly;
@@ -21,6 +22,8 @@ pub struct Sensitivities {
     pub frames: Vec<Vec<Vec<f64>>>,
     /// Steps whose Hessian was indefinite, where sensitivities stop being those of a minimum.
     pub indefinite_steps: Vec<usize>,
+    /// Steps whose linear systems missed their tolerance.
+    pub unsolved_steps: Vec<usize>,
 }
 
 /// Sensitivities of a simulation's frames to ln E of every cluster.
@@ -30,17 +33,9 @@ pub fn sensitivities(
     settings: &Settings,
     simulation: &Simulation,
 ) -> Result<Sensitivities, SimError> {
-    if settings.stiffness_damping > 0.0 {
-        return Err(SimError::OutOfRange {
-            name: "stiffness damping",
-            value: settings.stiffness_damping,
-            range: "zero for forward sensitivities (use the adjoint)",
-        });
-    }
     let mut stepper = Stepper::new(body, elasticity, settings)?;
     let (clusters, size) = (elasticity.ln_youngs.len(), 3 * body.free.len());
     let h = settings.step_time();
-    let drag = 1.0 + h * settings.mass_damping;
     let mut s = vec![vec![0.0; size]; clusters];
     let mut w = s.clone();
     let mut result = Sensitivities::default();
@@ -48,19 +43,15 @@ pub fn sensitivities(
         let start = simulation.state(n, settings);
         let objective = stepper.objective(&start);
         stepper.assemble(&objective, end, Eigenvalues::True);
-        let medium = stepper.medium(&start.positions);
-        let forces = assembly::forces_by_cluster(&medium, &elasticity.cluster, clusters, end);
-        let rhs: Vec<Vec<f64>> = (0..clusters)
-            .map(|c| {
-                let entry = |i: usize| stepper.free_mass[i / 3] * (drag * s[c][i] + h * w[c][i]) - h * h * forces[c][i];
-                (0..size).map(entry).collect()
-            })
-            .collect();
-        let (solved, indefinite, _) = stepper.solve_many(rhs);
-        if indefinite {
+        let rhs = stepper.sensitivity_rhs(&start, end, &s, &w);
+        let solved = stepper.solve_many(rhs);
+        if solved.indefinite {
             result.indefinite_steps.push(n);
         }
-        for (c, next) in solved.into_iter().enumerate() {
+        if solved.unsolved {
+            result.unsolved_steps.push(n);
+        }
+        for (c, next) in solved.x.into_iter().enumerate() {
             (0..size).for_each(|i| w[c][i] = (next[i] - s[c][i]) / h);
             s[c] = next;
         }
@@ -69,6 +60,32 @@ pub fn sensitivities(
         }
     }
     Ok(result)
+}
+
+impl Stepper<'_> {
+    /// M((1 + hα) S + h W) − h² (∂f/∂ln E_c + ∂f/∂xⁿ S) per cluster; of the internal force f only the damper knows xⁿ.
+    fn sensitivity_rhs(&mut self, start: &State, end: &[DVec3], s: &[Vec<f64>], w: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let h = self.settings.step_time();
+        let drag = 1.0 + h * self.settings.mass_damping;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let medium = self.medium(&start.positions);
+        let mut forces = assembly::forces_by_cluster(&medium, &self.elasticity.cluster, s.len(), end);
+        if medium.damper.is_some() {
+            let mut viscous = vec![DVec3::ZERO; end.len()];
+            for (force, s) in forces.iter_mut().zip(s) {
+                let mut moved = vec![DVec3::ZERO; end.len()];
+                self.add_free(&mut moved, 1.0, s);
+                assembly::start_product(&medium, end, &moved, &mut scratch, &mut viscous);
+                force.iter_mut().zip(&viscous).for_each(|(f, v)| *f += *v);
+            }
+        }
+        self.scratch = scratch;
+        let rhs = |((force, s), w): ((&Vec<DVec3>, &Vec<f64>), &Vec<f64>)| {
+            let entry = |(i, f): (usize, f64)| self.free_mass[i / 3] * (drag * s[i] + h * w[i]) - h * h * f;
+            self.to_free(force).into_iter().enumerate().map(entry).collect()
+        };
+        forces.iter().zip(s).zip(w).map(rhs).collect()
+    }
 }
 
 /// One iteration of [`gauss_newton`].
@@ -91,17 +108,20 @@ const MAX_DAMPINGS: usize = 8;
 
 /// Frames of the first horizon: long enough to move, short enough that a modulus 100 times off still bends the same way.
 const FIRST_HORIZON: usize = 3;
-/// Common changes of every ln E tried on the first horizon before the first iteration: where all moduli are off the same
-/// way, the clusters hide one another from Gauss–Newton, and a scan of the overall stiffness is cheap.
-const COMMON_FACTORS: [f64; 6] = [-6.0, -4.0, -2.0, 2.0, 4.0, 6.0];
+/// Changes of ln E tried on the first horizon before the first iteration, for all clusters together and then for each alone:
+/// where moduli are far off the clusters hide one another from Gauss–Newton (a stiff one moves nothing, a soft one carries
+/// nothing on), and a scan of so few frames is cheap.
+const SCAN: [f64; 6] = [-6.0, -4.0, -2.0, 2.0, 4.0, 6.0];
+/// Clusters that are also scanned alone, at six short simulations each.
+const MOST_SCANNED: usize = 16;
 /// An iteration that changes ln E by less than this has settled its horizon.
 const SETTLED: f64 = 0.5;
 
 /// Fits ln E of every cluster to target positions (\[frame\]\[vertex\], m) by Levenberg–Marquardt on the forward sensitivities,
 /// until ln E changes by less than `tolerance` or `iterations` are done. Returns the fitted material and the history.
 ///
-/// The overall stiffness is scanned first. Then the horizon grows: the first frames are fitted first and doubled whenever they have settled, because the late frames of
-/// a motion with moduli far off are no guide at all.
+/// A coarse scan comes first. Then the horizon grows: the first frames are fitted first and doubled whenever they have
+/// settled, because the late frames of a motion with moduli far off are no guide at all.
 pub fn gauss_newton(
     body: &Body,
     elasticity: &Elasticity,
@@ -126,13 +146,18 @@ pub fn gauss_newton(
     let mut horizon = FIRST_HORIZON.min(path.len());
     let mut now = elasticity.clone();
     let (mut motion, mut residual, mut loss) = run(&now, horizon)?;
-    for exponent in COMMON_FACTORS {
-        let mut trial = elasticity.clone();
-        trial.ln_youngs.iter_mut().for_each(|l| *l += exponent);
-        let moved = run(&trial, horizon)?;
-        if moved.2 < loss {
-            now = trial;
-            (motion, residual, loss) = moved;
+    let clusters = now.ln_youngs.len();
+    let alone = (0..clusters.min(MOST_SCANNED)).map(|c| c..c + 1).filter(|_| clusters > 1);
+    for scanned in std::iter::once(0..clusters).chain(alone) {
+        let first = now.clone();
+        for exponent in SCAN {
+            let mut trial = first.clone();
+            trial.ln_youngs[scanned.clone()].iter_mut().for_each(|l| *l += exponent);
+            let moved = run(&trial, horizon)?;
+            if moved.2 < loss {
+                now = trial;
+                (motion, residual, loss) = moved;
+            }
         }
     }
     let (mut damping, mut history) = (FIRST_DAMPING, vec![]);

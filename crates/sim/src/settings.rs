@@ -4,7 +4,8 @@ use crate::error::SimError;
 use crate::filter::Filter;
 use glam::DVec3;
 
-/// Where Newton starts.
+/// Where Newton starts, unless tets at the step's start are flat or inverted and the rest shape, moved there rigidly, has
+/// the lower objective.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Predictor {
     /// x + h v on free vertices.
@@ -120,7 +121,8 @@ pub struct StepReport {
     pub indefinite: usize,
     /// Pushes along negative curvature out of saddle points.
     pub saddle_escapes: usize,
-    /// Whether the state reached is still a saddle (its adjoint is that of a stationary point, not of a minimum).
+    /// Whether the state reached is still a saddle (its adjoint is that of a stationary point, not of a minimum). Looked for
+    /// with the filters that use the true Hessian, `None` and `OnDemand`.
     pub saddle: bool,
     /// Tets with det F ≤ 0 at the end.
     pub inverted: usize,

@@ -4,12 +4,11 @@
 //! such strategies), clamped where no moderate shift is enough. Between factorisations the last factor preconditions
 //! conjugate gradients on the present Hessian while that is the cheaper way to the same direction.
 
-use crate::assembly;
 use crate::body::Body;
 use crate::elasticity::Elasticity;
 use crate::error::{SimError, check_finite, check_len};
 use crate::filter::{Eigenvalues, Filter};
-use crate::settings::{Predictor, Settings, State, StepReport};
+use crate::settings::{Settings, State, StepReport};
 use crate::stepper::{Assembled, Objective, Stepper};
 use animimic_math::gradcheck::SplitMix64;
 use animimic_math::sparse::krylov::Ended;
@@ -29,6 +28,17 @@ const LOOSEST: f64 = 1e-2;
 const MAX_ESCAPES: usize = 8;
 /// Inverse iterations for the most negative direction; it is separated by the shift, so few suffice.
 const INVERSE_ITERATIONS: usize = 12;
+
+/// What a Newton direction showed of the Hessian it was solved with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Inertia {
+    /// Its factorisation succeeded.
+    Definite,
+    /// Its factorisation failed.
+    Indefinite,
+    /// Nothing: conjugate gradients met no negative curvature, which proves nothing.
+    Unknown,
+}
 
 /// One step from `start` with `driven` positions at its end, see [`Stepper::step`].
 pub fn step(
@@ -55,8 +65,7 @@ impl Stepper<'_> {
         check_finite("driven position", driven)?;
         let objective = self.objective(start);
         let mut report = StepReport::default();
-        let mut y = self.predict(&objective, driven, &mut report);
-        let first = self.first_guess(&objective, driven, &mut y);
+        let (mut y, first) = self.first_guess(&objective, driven, &mut report);
         self.minimise(&objective, &mut y, first, &mut report);
         report.inverted = self.count_inverted(&y);
         let h = self.settings.step_time();
@@ -64,75 +73,12 @@ impl Stepper<'_> {
         Ok((State { positions: y, velocities }, report))
     }
 
-    /// First guess: driven vertices in place, free ones by the chosen predictor.
-    fn predict(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
-        let mut y = match self.settings.predictor {
-            Predictor::Inertial => objective.target.clone(),
-            Predictor::Rest => objective.start.positions.clone(),
-            Predictor::Linear => self.predict_linear(objective, driven, report),
-        };
-        self.place_driven(&mut y, driven);
-        y
-    }
-
-    fn place_driven(&self, y: &mut [DVec3], driven: &[DVec3]) {
-        self.body.driven.iter().zip(driven).for_each(|(&v, d)| y[v as usize] = *d);
-    }
-
-    /// Assembles at the prediction, or at the inertial one where the linear model was a worse guide (collapsed tets).
-    fn first_guess(&mut self, objective: &Objective, driven: &[DVec3], y: &mut Vec<DVec3>) -> Assembled {
-        let eigenvalues = self.eigenvalues();
-        let predicted = self.assemble(objective, y, eigenvalues);
-        if self.settings.predictor != Predictor::Linear {
-            return predicted;
-        }
-        let mut inertial = objective.target.clone();
-        self.place_driven(&mut inertial, driven);
-        // Not `>=`: a prediction that is not a number is worse than any.
-        if predicted.value <= self.value(objective, &inertial) {
-            return predicted;
-        }
-        *y = inertial;
-        self.assemble(objective, y, eigenvalues)
-    }
-
-    fn eigenvalues(&self) -> Eigenvalues {
+    pub(crate) fn eigenvalues(&self) -> Eigenvalues {
         match self.settings.filter {
             Filter::None | Filter::OnDemand => Eigenvalues::True,
             Filter::Clamp => Eigenvalues::Clamped,
             Filter::Absolute => Eigenvalues::Absolute,
         }
-    }
-
-    /// xⁿ + u, u the driven displacement on driven vertices and the linear response to it and to inertia elsewhere.
-    fn predict_linear(&mut self, objective: &Objective, driven: &[DVec3], report: &mut StepReport) -> Vec<DVec3> {
-        let start = &objective.start.positions;
-        if self.factor.is_none() {
-            // Clamped: the start may be anything, and a predictor need not be exact.
-            self.assemble(objective, start, Eigenvalues::Clamped);
-            report.factorizations += 1;
-            if !self.factorize(0.0) {
-                return objective.target.clone();
-            }
-        }
-        let mut u = vec![DVec3::ZERO; start.len()];
-        self.body.driven.iter().zip(driven).for_each(|(&v, d)| u[v as usize] = *d - start[v as usize]);
-        let (mut forces, mut coupling) = (u.clone(), u.clone());
-        let mut scratch = std::mem::take(&mut self.scratch);
-        let medium = self.medium(start);
-        assembly::gradient_and_product(&medium, start, &u, &mut scratch, &mut forces, &mut coupling);
-        self.scratch = scratch;
-        let h = self.settings.step_time();
-        let mut rhs = Vec::with_capacity(3 * self.body.free.len());
-        for (&v, m) in self.body.free.iter().zip(&self.free_mass) {
-            let v = v as usize;
-            let pull = *m * (objective.target[v] - start[v]) - h * h * (forces[v] + coupling[v]);
-            rhs.extend(pull.to_array());
-        }
-        self.solve(&mut rhs);
-        let mut y = start.clone();
-        self.add_free(&mut y, 1.0, &rhs);
-        y
     }
 
     fn minimise(&mut self, objective: &Objective, y: &mut Vec<DVec3>, first: Assembled, report: &mut StepReport) {
@@ -141,7 +87,7 @@ impl Stepper<'_> {
         let mut now = first;
         let mut speed = f64::INFINITY;
         while report.newton < self.settings.max_newton {
-            let Some((dx, modified)) = self.direction(objective, y, &now.gradient, speed, report) else { return };
+            let Some((dx, hessian)) = self.direction(objective, y, &now.gradient, speed, report) else { return };
             report.newton += 1;
             speed = dx.iter().fold(0.0f64, |m, d| m.max(d.abs())) / h;
             report.residual = speed;
@@ -151,8 +97,11 @@ impl Stepper<'_> {
             if speed < self.settings.tolerance {
                 self.add_free(y, 1.0, &dx);
                 report.converged = true;
-                report.saddle = modified && eigenvalues == Eigenvalues::True;
-                if !report.saddle || report.saddle_escapes == MAX_ESCAPES {
+                report.saddle = eigenvalues == Eigenvalues::True && self.is_indefinite(hessian);
+                if !report.saddle || report.saddle_escapes == MAX_ESCAPES || self.settings.filter == Filter::None {
+                    return;
+                }
+                if hessian == Inertia::Unknown && self.factorize_modified(objective, y, report).is_none() {
                     return;
                 }
                 match self.escape(objective, y, report) {
@@ -168,7 +117,7 @@ impl Stepper<'_> {
         }
     }
 
-    /// −A⁻¹ G, and whether A had to be modified; none where the filter forbids modifying an indefinite A.
+    /// −A⁻¹ G, and what that showed of A; none where the filter forbids modifying an indefinite A.
     fn direction(
         &mut self,
         objective: &Objective,
@@ -176,29 +125,29 @@ impl Stepper<'_> {
         gradient: &[f64],
         last_speed: f64,
         report: &mut StepReport,
-    ) -> Option<(Vec<f64>, bool)> {
+    ) -> Option<(Vec<f64>, Inertia)> {
         let negated = |g: &[f64]| -> Vec<f64> { g.iter().map(|v| -v).collect() };
         if self.factor.is_some() && last_speed.is_finite() {
             let wanted = (self.settings.tolerance / last_speed).clamp(1e-10, LOOSEST);
             let (dx, ended) = self.iterate(gradient, wanted, self.iteration_limit());
             if let Ended::Converged { iterations } = ended {
                 report.conjugate_gradients += iterations;
-                return Some((negated(&dx), false));
+                return Some((negated(&dx), Inertia::Unknown));
             }
         }
         report.factorizations += 1;
-        let mut modified = false;
+        let mut inertia = Inertia::Definite;
         if !self.factorize(0.0) {
             report.indefinite += 1;
             if self.settings.filter == Filter::None {
                 return None;
             }
-            modified = true;
+            inertia = Inertia::Indefinite;
             self.factorize_modified(objective, y, report)?;
         }
         let mut dx = negated(gradient);
         self.solve(&mut dx);
-        Some((dx, modified))
+        Some((dx, inertia))
     }
 
     /// Shifts by growing multiples of the mass, then clamps the elements' eigenvalues.
@@ -256,21 +205,49 @@ impl Stepper<'_> {
         None
     }
 
+    /// Whether A is known or found to be indefinite. An iterative direction cannot tell by itself: what it solves for may have
+    /// no part in an unstable mode. Then vᵀAv is looked at for the softest mode v, followed from step to step by one inverse
+    /// iteration on the last factor, of a neighbouring matrix; the closer that is to singular, the faster v converges.
+    fn is_indefinite(&mut self, known: Inertia) -> bool {
+        if known != Inertia::Unknown {
+            return known == Inertia::Indefinite;
+        }
+        let mut v = std::mem::take(&mut self.softest);
+        let mut iterations = 1;
+        if v.is_empty() {
+            let mut rng = SplitMix64(0x50f7e57);
+            v = (0..3 * self.free_mass.len()).map(|_| rng.normal()).collect();
+            iterations = INVERSE_ITERATIONS;
+        }
+        (0..iterations).for_each(|_| self.inverse_iteration(&mut v));
+        let curvature = self.curvature(&v);
+        self.softest = v;
+        curvature < 0.0
+    }
+
+    /// v ← P⁻¹ M v for the present factor P, normalised by the mass.
+    fn inverse_iteration(&self, v: &mut [f64]) {
+        v.iter_mut().enumerate().for_each(|(i, v)| *v *= self.free_mass[i / 3]);
+        self.solve(v);
+        let norm = v.iter().enumerate().map(|(i, v)| self.free_mass[i / 3] * v * v).sum::<f64>().sqrt();
+        v.iter_mut().for_each(|v| *v /= norm);
+    }
+
+    /// vᵀAv.
+    fn curvature(&self, v: &[f64]) -> f64 {
+        let mut av = vec![0.0; v.len()];
+        self.matrix.times_in_parts(&self.body.symbolic, v, &mut av);
+        v.iter().zip(&av).map(|(v, a)| v * a).sum()
+    }
+
     /// Pushes y out of a saddle along the most negative curvature; none where no descent was found.
     fn escape(&mut self, objective: &Objective, y: &mut Vec<DVec3>, report: &mut StepReport) -> Option<Assembled> {
         let now = self.assemble(objective, y, Eigenvalues::True);
         let mut rng = SplitMix64(0x5add1e);
         let mut v: Vec<f64> = now.gradient.iter().map(|_| rng.normal()).collect();
         // Inverse iteration on (A + βM)⁻¹ M converges to the lowest eigenvector of A relative to M.
-        for _ in 0..INVERSE_ITERATIONS {
-            v.iter_mut().enumerate().for_each(|(i, v)| *v *= self.free_mass[i / 3]);
-            self.solve(&mut v);
-            let norm = v.iter().enumerate().map(|(i, v)| self.free_mass[i / 3] * v * v).sum::<f64>().sqrt();
-            v.iter_mut().for_each(|v| *v /= norm);
-        }
-        let mut av = vec![0.0; v.len()];
-        self.matrix.times(&v, &mut av);
-        let curvature: f64 = v.iter().zip(&av).map(|(v, a)| v * a).sum();
+        (0..INVERSE_ITERATIONS).for_each(|_| self.inverse_iteration(&mut v));
+        let curvature = self.curvature(&v);
         if curvature >= 0.0 {
             return None;
         }

@@ -36,6 +36,8 @@ pub struct Stepper<'a> {
     pub(crate) factor_is_near: bool,
     /// First mass shift to try when the Hessian is indefinite.
     pub(crate) shift_guess: f64,
+    /// Approximation to the softest mode of the Hessian, in elimination order; empty until asked for.
+    pub(crate) softest: Vec<f64>,
 }
 
 /// The fixed data of one step's minimisation.
@@ -74,6 +76,7 @@ impl<'a> Stepper<'a> {
             spare: None,
             factor_is_near: false,
             shift_guess: 0.25,
+            softest: vec![],
             body,
             elasticity,
             settings,

@@ -42,6 +42,23 @@ impl Simulation {
         State { positions: self.steps[n - 1].clone(), velocities }
     }
 
+    /// Bytes of the factors kept for the adjoint, at most `Settings::factor_memory`.
+    pub fn factor_bytes(&self) -> usize {
+        let kept = self.factors.iter().flatten();
+        // Steps that shared one factor are neighbours.
+        let mut last: Option<&Arc<Factor>> = None;
+        kept.filter(|f| !last.replace(f).is_some_and(|l| Arc::ptr_eq(l, f))).map(|f| f.bytes()).sum()
+    }
+
+    /// Keeps a step's factor while there is `memory` left for it, of which it takes its bytes.
+    fn keep(&mut self, factor: Option<Arc<Factor>>, memory: &mut usize) {
+        let last = self.factors.last().and_then(Option::as_ref);
+        let cost = |f: &Arc<Factor>| if last.is_some_and(|l| Arc::ptr_eq(l, f)) { 0 } else { f.bytes() };
+        let kept = factor.map(|f| (cost(&f), f)).filter(|(cost, _)| cost <= memory);
+        *memory -= kept.as_ref().map_or(0, |k| k.0);
+        self.factors.push(kept.map(|k| k.1));
+    }
+
     /// Steps that did not reach the tolerance.
     pub fn unconverged(&self) -> Vec<usize> {
         (0..self.reports.len()).filter(|&n| !self.reports[n].converged).collect()
@@ -82,9 +99,7 @@ pub fn simulate(
         check_len("driven positions", frame.len(), body.driven.len())?;
         for target in substep_path(&driven, frame, settings.substeps) {
             let (next, report) = stepper.step(&state, &target)?;
-            let kept = stepper.factor.clone().filter(|f| f.bytes() <= memory);
-            memory -= kept.as_ref().map_or(0, |f| f.bytes());
-            result.factors.push(kept);
+            result.keep(stepper.factor.clone(), &mut memory);
             result.steps.push(next.positions.clone());
             result.reports.push(report);
             state = next;
@@ -115,7 +130,9 @@ pub fn simulate_vjp(
             d_next.positions.iter_mut().zip(frame).for_each(|(d, f)| *d += *f);
         }
         let before = simulation.state(step, settings);
-        if let Some(kept) = &simulation.factors[step] {
+        // At a saddle no factor of a neighbouring matrix would do: MINRES needs one of a shifted matrix.
+        let kept = simulation.factors[step].as_ref().filter(|_| !simulation.reports[step].saddle);
+        if let Some(kept) = kept {
             stepper.factor = Some(kept.clone());
             stepper.factor_is_near = true;
         }

@@ -18,13 +18,14 @@ fn a_body_recovers_from_any_collapsed_start() {
     let mesh = beam([6, 2, 2], [1.2, 0.4, 0.4]);
     let mut rng = SplitMix64(17);
     let noise: Vec<DVec3> = mesh.positions.iter().map(|_| random(&mut rng)).collect();
-    let starts: [(&str, Start); 6] = [
-        // A millimetre of spread: exactly at F = 0 the stable neo-Hookean energy itself is stationary.
-        ("point", &|v, _| DVec3::new(0.3, 0.2, 0.2) + 1e-3 * noise[v]),
+    let starts: [(&str, Start); 8] = [
+        ("point", &|_, _| DVec3::new(0.3, 0.2, 0.2)),
+        ("blurred point", &|v, _| DVec3::new(0.3, 0.2, 0.2) + 1e-3 * noise[v]),
         ("plane", &|_, p| DVec3::new(p.x, p.y, 0.2)),
         ("line", &|_, p| DVec3::new(p.x, 0.2, 0.2)),
         ("stretched by 200 %", &|_, p| DVec3::new(3.0 * p.x, p.y, p.z)),
-        ("inverted", &|_, p| DVec3::new(-p.x, p.y, p.z)),
+        ("inverted", &|_, p| DVec3::new(p.x, 0.4 - p.y, p.z)),
+        ("inverted through its end", &|_, p| DVec3::new(-p.x, p.y, p.z)),
         ("random", &|v, _| 0.5 * noise[v]),
     ];
     // Linear elasticity has no inversion to recover from; its step is one solve.
@@ -32,27 +33,41 @@ fn a_body_recovers_from_any_collapsed_start() {
         for held in [vec![], (0..9).collect()] {
             for (name, map) in starts {
                 let positions: Vec<DVec3> = mesh.positions.iter().enumerate().map(|(v, p)| map(v, *p)).collect();
-                let (share, inverted, missed) = relax(&mesh, model, &held, &positions);
+                let end = relax(&mesh, model, &held, &positions);
                 println!(
-                    "{} {name}, {} held: energy left {share:.1e}, {inverted} inverted, {missed} steps missed",
+                    "{} {name}, {} held: energy left {:.1e}, {} inverted, {} steps missed, wound around {:?}",
                     model.name(),
-                    held.len()
+                    held.len(),
+                    end.energy,
+                    end.inverted,
+                    end.missed,
+                    end.wound
                 );
-                assert_eq!(inverted, 0);
+                assert_eq!(end.inverted, 0);
                 // Corotated linear elasticity has kinks where R jumps: the first step out of a point may stop at one.
-                assert!(missed <= usize::from(model == Model::CorotatedLinear));
-                // Held by a face, a body that starts as a point or mirrored may unfold to the wrong side of it; out of a
-                // point, stable neo-Hookean, which is stationary at F = 0, may wind tets around an edge twice. Both are equilibria with every tet
-                // upright, but not the rest shape. Nothing else has such an excuse.
-                let excused = !held.is_empty() || (name == "point" && model == Model::StableNeoHookean);
-                assert!(share < if excused { 0.5 } else { 1e-4 });
+                assert!(end.missed <= usize::from(model == Model::CorotatedLinear));
+                // Held by a face it must pass through, or torn apart at random beside it, a body may wind its tets around
+                // an edge twice, and so may corotated linear elasticity out of its kinks: equilibria with every tet
+                // upright, which no motion of upright tets undoes. Nothing else has such an excuse, and there the edges
+                // are named.
+                let excused = !held.is_empty() || model == Model::CorotatedLinear;
+                assert!(if excused && !end.wound.is_empty() { end.energy < 0.5 } else { end.energy < 1e-4 });
             }
         }
     }
 }
 
-/// Lets a body relax for 5 s: the share of the energy that is left, inverted tets, steps short of the tolerance.
-fn relax(mesh: &TetMesh, model: Model, held: &[u32], positions: &[DVec3]) -> (f64, usize, usize) {
+/// How a body ended that was left alone for 5 s.
+struct Relaxed {
+    /// Share of the energy that is left.
+    energy: f64,
+    inverted: usize,
+    /// Steps short of the tolerance.
+    missed: usize,
+    wound: Vec<[u32; 2]>,
+}
+
+fn relax(mesh: &TetMesh, model: Model, held: &[u32], positions: &[DVec3]) -> Relaxed {
     let body = Body::new(mesh, held).expect("a good mesh");
     let path: Vec<DVec3> = held.iter().map(|&v| mesh.positions[v as usize]).collect();
     let elasticity = Elasticity::uniform(model, mesh.tets.len(), 1e5, 0.4, 1000.0);
@@ -66,7 +81,8 @@ fn relax(mesh: &TetMesh, model: Model, held: &[u32], positions: &[DVec3]) -> (f6
         missed += usize::from(!report.converged);
         (state, inverted) = (next, report.inverted);
     }
-    (stepper.energy(&state).expect("good input") / first, inverted, missed)
+    let energy = stepper.energy(&state).expect("good input") / first;
+    Relaxed { energy, inverted, missed, wound: body.wound_edges(&state.positions) }
 }
 
 #[test]
@@ -105,8 +121,8 @@ fn without_a_filter_an_indefinite_step_is_reported_and_not_hidden() {
     let body = Body::new(&mesh, &[]).expect("a good mesh");
     let elasticity = Elasticity::uniform(Model::FixedCorotated, mesh.tets.len(), 1e7, 0.4, 1000.0);
     let settings = Settings { filter: Filter::None, ..Settings::default() };
-    let inverted: Vec<DVec3> = mesh.positions.iter().map(|p| DVec3::new(-0.3 * p.x, p.y, p.z)).collect();
-    let motion = simulate(&body, &elasticity, &settings, &State::at_rest(&inverted), &[vec![]]).expect("good input");
+    let squashed: Vec<DVec3> = mesh.positions.iter().map(|p| DVec3::new(0.3 * p.x, p.y, p.z)).collect();
+    let motion = simulate(&body, &elasticity, &settings, &State::at_rest(&squashed), &[vec![]]).expect("good input");
     println!("{:?}", motion.reports[0]);
     assert!(!motion.reports[0].converged && motion.reports[0].indefinite > 0);
     assert_eq!(motion.unconverged(), [0]);

@@ -1,5 +1,7 @@
 //! Symmetric matrix of 3×3 blocks, lower triangle by block columns.
 
+use super::symbolic::Symbolic;
+
 /// Where the blocks are: block column j holds its diagonal block first, then rows in ascending order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BlockPattern {
@@ -63,28 +65,46 @@ impl BlockMatrix {
     /// y = A x for the symmetric matrix; x and y have 3 entries per block column.
     pub fn times(&self, x: &[f64], y: &mut [f64]) {
         y.fill(0.0);
-        for j in 0..self.pattern.columns() {
-            let range = self.pattern.column(j);
-            let xj = [x[3 * j], x[3 * j + 1], x[3 * j + 2]];
-            let d = &self.blocks[range.start];
-            let mut yj = [
-                d[0] * xj[0] + d[3] * xj[1] + d[6] * xj[2],
-                d[3] * xj[0] + d[4] * xj[1] + d[7] * xj[2],
-                d[6] * xj[0] + d[7] * xj[1] + d[8] * xj[2],
-            ];
-            for k in range.start + 1..range.end {
-                let i = 3 * self.pattern.row[k] as usize;
-                let b = &self.blocks[k];
-                let xi = [x[i], x[i + 1], x[i + 2]];
-                for c in 0..3 {
-                    y[i + c] += b[3 * c] * xj[0] + b[3 * c + 1] * xj[1] + b[3 * c + 2] * xj[2];
-                    yj[c] += b[c] * xi[0] + b[3 + c] * xi[1] + b[6 + c] * xi[2];
-                }
-            }
+        (0..self.pattern.columns()).for_each(|j| self.add_column(j, x, y, 0, &mut []));
+    }
+
+    /// [`BlockMatrix::times`] through the parts of the pattern's analysis in parallel. Sums are made in another order.
+    pub fn times_in_parts(&self, symbolic: &Symbolic, x: &[f64], y: &mut [f64]) {
+        y.fill(0.0);
+        symbolic.scatter_parts(y, |part, own, after| {
+            part.points.clone().for_each(|j| self.add_column(j, x, own, part.points.start, after));
+        });
+        let nodes = symbolic.top().map(|s| &symbolic.supernodes[s]);
+        nodes.flat_map(|n| n.start..n.start + n.pivots).for_each(|j| self.add_column(j, x, y, 0, &mut []));
+    }
+
+    /// Adds column j's share, both triangles, to y, which starts at position `first` and goes on in `after`.
+    #[inline(always)]
+    fn add_column(&self, j: usize, x: &[f64], y: &mut [f64], first: usize, after: &mut [f64]) {
+        let range = self.pattern.column(j);
+        let xj = [x[3 * j], x[3 * j + 1], x[3 * j + 2]];
+        let d = &self.blocks[range.start];
+        let mut yj = [
+            d[0] * xj[0] + d[3] * xj[1] + d[6] * xj[2],
+            d[3] * xj[0] + d[4] * xj[1] + d[7] * xj[2],
+            d[6] * xj[0] + d[7] * xj[1] + d[8] * xj[2],
+        ];
+        for k in range.start + 1..range.end {
+            let i = 3 * self.pattern.row[k] as usize;
+            let b = &self.blocks[k];
+            let xi = [x[i], x[i + 1], x[i + 2]];
+            let at = i - 3 * first;
+            let target = match at.checked_sub(y.len()) {
+                None => &mut y[at..at + 3],
+                Some(at) => &mut after[at..at + 3],
+            };
             for c in 0..3 {
-                y[3 * j + c] += yj[c];
+                target[c] += b[3 * c] * xj[0] + b[3 * c + 1] * xj[1] + b[3 * c + 2] * xj[2];
+                yj[c] += b[c] * xi[0] + b[3 + c] * xi[1] + b[6 + c] * xi[2];
             }
         }
+        let own = 3 * (j - first);
+        (0..3).for_each(|c| y[own + c] += yj[c]);
     }
 }
 

@@ -224,25 +224,41 @@ pub(super) mod tests {
 
     #[test]
     fn a_factored_system_is_solved_to_rounding() {
-        for (n, reach) in [(1, 1.0), (5, 2.0), (60, 0.3), (400, 0.15), (1500, 0.12), (300, 0.02)] {
+        for (n, reach) in [(1, 1.0), (5, 2.0), (60, 0.3), (400, 0.15), (2500, 0.13), (300, 0.02)] {
             let (symbolic, matrix) = random_system(n, reach, 11);
             let error = solve_error(&symbolic, &matrix);
-            println!("{n} points: error {error:.1e}, {} supernodes", symbolic.supernodes.len());
+            println!(
+                "{n} points: error {error:.1e}, {} supernodes, {} parts",
+                symbolic.supernodes.len(),
+                symbolic.parts.len()
+            );
             assert!(error < 1e-12);
         }
     }
 
     #[test]
-    fn the_factor_has_the_same_bytes_for_any_number_of_threads() {
+    fn factor_solution_and_product_have_the_same_bytes_for_any_number_of_threads() {
         let (symbolic, matrix) = random_system(2500, 0.13, 4);
-        let bytes = |threads: usize| {
+        let n = 3 * symbolic.columns;
+        let mut rng = SplitMix64(2);
+        let b: Vec<f64> = (0..n).map(|_| rng.normal()).collect();
+        let (mut whole, mut error) = (vec![0.0; n], 0.0f64);
+        matrix.times(&b, &mut whole);
+        let mut bytes = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-            let mut factor = Factor::default();
-            pool.install(|| factor.factor(&symbolic, &matrix, &[])).expect("diagonally dominant");
-            factor.panels.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>()
+            let (mut factor, mut x, mut product) = (Factor::default(), b.clone(), vec![0.0; n]);
+            pool.install(|| {
+                factor.factor(&symbolic, &matrix, &[]).expect("diagonally dominant");
+                factor.solve(&symbolic, &mut x);
+                matrix.times_in_parts(&symbolic, &b, &mut product);
+            });
+            error = product.iter().zip(&whole).fold(error, |m, (a, b)| m.max((a - b).abs()));
+            factor.panels.iter().flatten().chain(&x).chain(&product).map(|v| v.to_bits()).collect::<Vec<_>>()
         };
         assert!(symbolic.factor_flops() > 5e7, "large enough to run in parallel");
         assert!(bytes(1) == bytes(4));
+        println!("{} parts, product in parts against whole {error:.1e}", symbolic.parts.len());
+        assert!(symbolic.parts.len() > 2 && error < 1e-12);
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub fn conjugate_gradients(
         if rz <= target {
             return (x, Ended::Converged { iterations: iteration });
         }
-        matrix.times(&p, &mut ap);
+        matrix.times_in_parts(symbolic, &p, &mut ap);
         let curvature = dot(&p, &ap);
         // A NaN must end the solve too.
         if curvature <= 0.0 || curvature.is_nan() {
@@ -95,7 +95,7 @@ pub fn minimum_residual(
     let mut product = vec![0.0; n];
     for iteration in 1..=limit {
         v.iter_mut().zip(&y).for_each(|(v, y)| *v = y / beta);
-        matrix.times(&v, &mut product);
+        matrix.times_in_parts(symbolic, &v, &mut product);
         if iteration > 1 {
             axpy(-beta / old_beta, &r1, &mut product);
         }

@@ -11,9 +11,11 @@ pub mod krylov;
 pub mod symbolic;
 
 mod front;
+mod parts;
 mod triangular;
 
 pub use block_matrix::{BlockMatrix, BlockPattern};
 pub use cholesky::{Factor, NotPositiveDefinite};
 pub use dissection::{Dissection, nested_dissection};
+pub use parts::Part;
 pub use symbolic::Symbolic;

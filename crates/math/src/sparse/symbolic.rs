@@ -5,6 +5,7 @@
 
 use super::block_matrix::BlockPattern;
 use super::dissection::Dissection;
+use super::parts::{self, Part};
 
 /// Points per strip: fronts are stored in strips of 12 scalar rows.
 pub const STRIP_POINTS: usize = 4;
@@ -62,6 +63,8 @@ pub struct Symbolic {
     pub block_place: Vec<u32>,
     /// Block columns of the matrix.
     pub columns: usize,
+    /// Subtrees that solves and products go through in parallel.
+    pub parts: Vec<Part>,
 }
 
 /// Nanoseconds a front of `p` pivots and `r` rows is expected to take: arithmetic, traffic of the update matrix, start-up.
@@ -81,8 +84,9 @@ impl Symbolic {
     /// Analyses a pattern whose positions follow the dissection's order.
     pub fn new(pattern: &BlockPattern, dissection: &Dissection) -> Self {
         let (supernodes, roots) = merge_small(pattern, dissection);
-        let mut symbolic = Self { supernodes, roots, columns: pattern.columns(), block_place: vec![] };
+        let mut symbolic = Self { supernodes, roots, columns: pattern.columns(), ..Self::default() };
         symbolic.link();
+        symbolic.parts = parts::independent(&symbolic.supernodes, &symbolic.roots);
         symbolic.block_place = vec![0; pattern.row.len()];
         for node in &symbolic.supernodes {
             for column in node.start..node.start + node.pivots {

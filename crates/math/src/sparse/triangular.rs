@@ -8,28 +8,67 @@ use crate::lanes::{Lanes, splat};
 impl Factor {
     /// Solves A x = b in place; b has 3 entries per point, in elimination order.
     pub fn solve(&self, symbolic: &Symbolic, b: &mut [f64]) {
-        let largest = symbolic.supernodes.iter().map(|s| s.pivot_strips()).max().unwrap_or(0);
-        let mut own = vec![[0.0; STRIP]; largest];
-        for (node, panel) in symbolic.supernodes.iter().zip(&self.panels) {
-            forward(node, panel, &mut own, b);
-        }
-        for (node, panel) in symbolic.supernodes.iter().zip(&self.panels).rev() {
-            backward(node, panel, &mut own, b);
-        }
+        let (nodes, panels) = (&symbolic.supernodes, &self.panels);
+        symbolic.scatter_parts(b, |part, x, after| {
+            let mut own = strips(&nodes[part.nodes.clone()]);
+            let mut place = Place { x, first: part.points.start, after };
+            part.nodes.clone().for_each(|s| forward(&nodes[s], &panels[s], &mut own, &mut place));
+        });
+        let mut own = strips(nodes);
+        let mut whole = Place { x: b, first: 0, after: &mut [] };
+        symbolic.top().for_each(|s| forward(&nodes[s], &panels[s], &mut own, &mut whole));
+        symbolic.top().rev().for_each(|s| {
+            gather_own(&nodes[s], &mut own, whole.x, 0);
+            let (x, own) = (&mut *whole.x, &mut own);
+            backward(&nodes[s], &panels[s], own, |row| row_of(x, row));
+            scatter_own(&nodes[s], own, x, 0);
+        });
+        let known = if symbolic.parts.is_empty() { vec![] } else { b.to_vec() };
+        symbolic.for_parts(b, |part, x| {
+            let mut own = strips(&nodes[part.nodes.clone()]);
+            let (first, end) = (part.points.start, part.points.end);
+            for s in part.nodes.clone().rev() {
+                gather_own(&nodes[s], &mut own, x, first);
+                let row = |row: usize| if row < end { row_of(x, row - first) } else { row_of(&known, row) };
+                backward(&nodes[s], &panels[s], &mut own, row);
+                scatter_own(&nodes[s], &own, x, first);
+            }
+        });
     }
 }
 
-/// Copies the supernode's entries of x into strips; padding is zero.
-fn gather_own(node: &Supernode, own: &mut [Column], x: &[f64]) {
-    let x = &x[3 * node.start..3 * (node.start + node.pivots)];
+/// Entries of x from position `first` on that belong together, and a place for what is subtracted from later ones.
+struct Place<'a> {
+    x: &'a mut [f64],
+    first: usize,
+    after: &'a mut [f64],
+}
+
+/// Strips for the pivots of the largest of the supernodes.
+fn strips(nodes: &[Supernode]) -> Vec<Column> {
+    vec![[0.0; STRIP]; nodes.iter().map(|s| s.pivot_strips()).max().unwrap_or(0)]
+}
+
+/// The three entries of one point.
+#[inline(always)]
+fn row_of(x: &[f64], row: usize) -> [f64; 3] {
+    [x[3 * row], x[3 * row + 1], x[3 * row + 2]]
+}
+
+/// Copies the supernode's entries of x, which starts at position `first`, into strips; padding is zero.
+fn gather_own(node: &Supernode, own: &mut [Column], x: &[f64], first: usize) {
+    let start = node.start - first;
+    let x = &x[3 * start..3 * (start + node.pivots)];
     for (strip, values) in own.iter_mut().zip(x.chunks(STRIP)) {
         *strip = [0.0; STRIP];
         strip[..values.len()].copy_from_slice(values);
     }
 }
 
-fn scatter_own(node: &Supernode, own: &[Column], x: &mut [f64]) {
-    let x = &mut x[3 * node.start..3 * (node.start + node.pivots)];
+/// The inverse of [`gather_own`].
+fn scatter_own(node: &Supernode, own: &[Column], x: &mut [f64], first: usize) {
+    let start = node.start - first;
+    let x = &mut x[3 * start..3 * (start + node.pivots)];
     x.chunks_mut(STRIP).zip(own).for_each(|(values, strip)| values.copy_from_slice(&strip[..values.len()]));
 }
 
@@ -63,10 +102,11 @@ fn strip_transpose_times(strip: &[Column], v: [Lanes; 3], y: &mut [Column]) {
     }
 }
 
-fn forward(node: &Supernode, panel: &[f64], own: &mut [Column], x: &mut [f64]) {
+/// L y = b for the supernode's pivots; its share in later rows is subtracted there.
+fn forward(node: &Supernode, panel: &[f64], own: &mut [Column], place: &mut Place) {
     let (p, r) = (node.pivot_strips(), node.update_strips());
     let own = &mut own[..p];
-    gather_own(node, own, x);
+    gather_own(node, own, place.x, place.first);
     for j in 0..p {
         let strip = columns(&panel[panel_offset(p, j)..panel_offset(p, j + 1)]);
         let (left, diagonal) = strip.split_at(STRIP * j);
@@ -87,22 +127,28 @@ fn forward(node: &Supernode, panel: &[f64], own: &mut [Column], x: &mut [f64]) {
         let strip = columns(&panel[panel_offset(p, p + i)..panel_offset(p, p + i + 1)]);
         let mut product = [0.0; STRIP];
         store(strip_times(strip, own), &mut product);
-        for (place, &row) in node.rows[i * STRIP_POINTS..].iter().take(STRIP_POINTS).enumerate() {
-            (0..3).for_each(|c| x[3 * row as usize + c] -= product[3 * place + c]);
+        for (n, &row) in node.rows[i * STRIP_POINTS..].iter().take(STRIP_POINTS).enumerate() {
+            let at = 3 * (row as usize - place.first);
+            let target = match at.checked_sub(place.x.len()) {
+                None => &mut place.x[at..at + 3],
+                Some(after) => &mut place.after[after..after + 3],
+            };
+            (0..3).for_each(|c| target[c] -= product[3 * n + c]);
         }
     }
-    scatter_own(node, own, x);
+    scatter_own(node, own, place.x, place.first);
 }
 
-fn backward(node: &Supernode, panel: &[f64], own: &mut [Column], x: &mut [f64]) {
+/// Lᵀ x = y for the supernode's pivots, given the `later` entries by position.
+#[inline(always)]
+fn backward(node: &Supernode, panel: &[f64], own: &mut [Column], later: impl Fn(usize) -> [f64; 3]) {
     let (p, r) = (node.pivot_strips(), node.update_strips());
     let own = &mut own[..p];
-    gather_own(node, own, x);
     for i in 0..r {
         let strip = columns(&panel[panel_offset(p, p + i)..panel_offset(p, p + i + 1)]);
         let mut known = [0.0; STRIP];
         for (place, &row) in node.rows[i * STRIP_POINTS..].iter().take(STRIP_POINTS).enumerate() {
-            (0..3).for_each(|c| known[3 * place + c] = x[3 * row as usize + c]);
+            known[3 * place..3 * place + 3].copy_from_slice(&later(row as usize));
         }
         strip_transpose_times(strip, load(&known), own);
     }
@@ -117,5 +163,4 @@ fn backward(node: &Supernode, panel: &[f64], own: &mut [Column], x: &mut [f64]) 
         }
         strip_transpose_times(left, load(t), before);
     }
-    scatter_own(node, own, x);
 }
