@@ -1,8 +1,8 @@
 //! Limbs and hinges, read off the rest pose.
 //!
 //! A limb is a chain of joints from below a branching to a tip. Where it is bent at rest, it bends on in the same plane:
-//! the normal of that plane is its hinge axis (a knee, an elbow, a hock). Only limbs beside the body hinge: a neck or a tail
-//! that is bent at rest turns to all sides.
+//! the normal of that plane is its hinge axis (a knee, an elbow, a hock). Only limbs that come in pairs hinge: a neck or a
+//! tail that is bent at rest turns to all sides.
 
 use crate::kinematics::Kinematics;
 use glam::DVec3;
@@ -14,7 +14,7 @@ pub struct Limb {
     pub joints: Vec<usize>,
     /// Those of `joints` that carry a bone long enough to be seen turning.
     pub levers: Vec<usize>,
-    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one in the middle plane.
+    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one without a partner.
     pub hinge: Option<DVec3>,
 }
 
@@ -22,7 +22,11 @@ pub struct Limb {
 const SHORTEST_LEVER: f64 = 0.04;
 /// A chain is bent where directions differ by more than this [rad].
 const LEAST_BEND_RAD: f64 = 0.2;
-/// A limb is beside the body when it lies this far from the root along its hinge [rest diagonal].
+/// A chain whose side branch is longer than this share of the way to it is a trunk.
+const TRUNK_SHARE: f64 = 0.6;
+/// Lengths of a pair of limbs differ by less than this share.
+const PARTNER_TOLERANCE: f64 = 0.2;
+/// A pair of limbs lies this far apart [rest diagonal].
 const BESIDE: f64 = 0.02;
 
 /// All limbs. `tips` are the farthest surface points of each joint's own geometry, used as the end of the last bone.
@@ -35,12 +39,7 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
         if children[parent].len() < 2 && kinematics.parents[parent].is_some() {
             continue;
         }
-        let mut joints = vec![top];
-        while let Some(&next) =
-            children[joints[joints.len() - 1]].iter().max_by(|a, b| reach[**a].total_cmp(&reach[**b]))
-        {
-            joints.push(next);
-        }
+        let Some(joints) = chain(kinematics, top, &children, &reach) else { continue };
         let ends: Vec<DVec3> =
             joints[1..].iter().map(|&j| kinematics.pivots[j]).chain(joints.last().map(|&j| tips[j])).collect();
         let bone = |k: usize| ends[k] - kinematics.pivots[joints[k]];
@@ -49,12 +48,46 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
         if levers.is_empty() {
             continue;
         }
-        let center = levers.iter().map(|&j| kinematics.pivots[j]).sum::<DVec3>() / levers.len() as f64;
-        let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal)
-            .filter(|h| h.dot(center - kinematics.pivots[0]).abs() > BESIDE * diagonal);
+        let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal);
         limbs.push(Limb { joints, levers, hinge });
     }
+    let paired: Vec<bool> = (0..limbs.len()).map(|i| has_partner(kinematics, &limbs, &reach, i, diagonal)).collect();
+    for (limb, paired) in limbs.iter_mut().zip(paired) {
+        limb.hinge = limb.hinge.filter(|_| paired);
+    }
     limbs
+}
+
+/// Whether another bent limb of the same build lies elsewhere: legs and arms come in pairs, a neck or a tail does not.
+fn has_partner(kinematics: &Kinematics, limbs: &[Limb], reach: &[f64], i: usize, diagonal: f64) -> bool {
+    let center = |l: &Limb| l.levers.iter().map(|&j| kinematics.pivots[j]).sum::<DVec3>() / l.levers.len() as f64;
+    let alike = |a: f64, b: f64| (a - b).abs() < PARTNER_TOLERANCE * a.max(b);
+    let this = &limbs[i];
+    limbs.iter().enumerate().any(|(k, other)| {
+        k != i
+            && other.hinge.is_some()
+            && other.joints.len() == this.joints.len()
+            && alike(reach[other.joints[0]], reach[this.joints[0]])
+            && center(other).distance(center(this)) > BESIDE * diagonal
+    })
+}
+
+/// The joints from `top` along the longest way to a tip; `None` where the chain forks into parts that are long themselves: that
+/// is a trunk, not a limb. (A hand forks too, into fingers short beside the arm.)
+fn chain(kinematics: &Kinematics, top: usize, children: &[Vec<usize>], reach: &[f64]) -> Option<Vec<usize>> {
+    let mut joints = vec![top];
+    let mut length = 0.0;
+    loop {
+        let at = joints[joints.len() - 1];
+        let mut next = children[at].clone();
+        next.sort_by(|a, b| reach[*b].total_cmp(&reach[*a]));
+        let Some(&longest) = next.first() else { return Some(joints) };
+        length += kinematics.pivots[at].distance(kinematics.pivots[longest]);
+        if next.get(1).is_some_and(|&second| reach[second] > TRUNK_SHARE * length) {
+            return None;
+        }
+        joints.push(longest);
+    }
 }
 
 /// Normal of the plane in which a chain of bones is bent: the sum of consecutive cross products, all turned to one side.
@@ -106,13 +139,17 @@ mod tests {
             DVec3::new(0.0, 0.0, -0.8),
             DVec3::new(0.0, 0.3, 0.5),
             DVec3::new(0.0, 0.8, 0.5),
+            DVec3::new(-0.2, 0.0, 0.0),
+            DVec3::new(-0.2, -0.5, 0.2),
+            DVec3::new(-0.2, -1.0, -0.1),
         ];
-        let parents = vec![None, Some(0), Some(1), Some(2), Some(0), Some(4), Some(0), Some(6)];
+        let parents: Vec<Option<usize>> =
+            [None, Some(0), Some(1), Some(2), Some(0), Some(4), Some(0), Some(6), Some(0), Some(8), Some(9)].into();
         let mut tips: Vec<DVec3> = pivots.iter().map(|p| *p + DVec3::new(0.0, 0.0, -0.01)).collect();
         tips[7] = DVec3::new(0.0, 0.8, 1.0);
-        let tree = Kinematics::new(parents, pivots, vec![true; 8], vec![false; 8]);
+        let tree = Kinematics::new(parents, pivots, vec![true; 11], vec![false; 11]);
         let found = limbs(&tree, &tips, 1.5);
-        assert_eq!(found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(), [vec![1, 2, 3], vec![4, 5], vec![6, 7]]);
+        assert_eq!(found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(), [vec![1, 2, 3], vec![4, 5], vec![6, 7], vec![8, 9, 10]]);
         assert!(found[0].hinge.expect("bent").x.abs() > 0.99);
         assert!(found[1].hinge.is_none());
         assert!(found[2].hinge.is_none(), "a bent neck turns to all sides");

@@ -63,7 +63,9 @@ impl SolveTree {
         let slides = skeleton_joint
             .iter()
             .zip(&solve_parents)
-            .map(|(&j, parent)| parent.is_none() || geometry.floats(&parents, j))
+            .map(|(&j, parent)| {
+                parent.is_none() || ties.iter().any(|t| t.0 == j) || geometry.floats(&parents, j)
+            })
             .collect();
         let pivots = skeleton_joint.iter().map(|&j| rest_world[j].translation).collect();
         let turns = vec![true; skeleton_joint.len()];
@@ -170,11 +172,14 @@ impl<'a> Geometry<'a> {
     /// Re-parents detached subtrees; returns (subtree head, joint it was tied to).
     fn tie(&self, parents: &mut [Option<usize>]) -> Vec<(usize, usize)> {
         let mut ties = Vec::new();
+        let total: f64 = self.weight.iter().sum();
         for head in 0..parents.len() {
             let Some(parent) = parents[head] else { continue };
             // Only a joint that hangs on one without weight of its own near it can be detached.
             let inside: Vec<bool> = (0..parents.len()).map(|j| is_below(parents, j, head)).collect();
-            if !inside.iter().zip(&self.weight).any(|(&i, &w)| i && w > 0.0) {
+            let within: f64 = inside.iter().zip(&self.weight).filter(|(i, _)| **i).map(|(_, w)| w).sum();
+            // Limbs hang on the body, not the body on a limb.
+            if within == 0.0 || within > 0.5 * total {
                 continue;
             }
             let Some((attached, ancestor_share)) = self.attachment(parents, head, &inside) else { continue };

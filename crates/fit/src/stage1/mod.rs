@@ -2,8 +2,11 @@
 //!
 //! 1. Light from frame 0, where the model is in its rest pose.
 //! 2. Frame by frame ([`track`]): draw the model where it is believed to be, find by dense flow and silhouettes where the
-//!    drawn points are in the frame, solve for the pose (Levenberg–Marquardt on SO(3)ᴶ), draw again.
-//! 3. All frames together ([`track::Stage::refine`]), coupled by smoothness over time.
+//!    drawn points are in the frame, solve for the pose (Levenberg–Marquardt on SO(3)ᴶ), draw again; several hypotheses are
+//!    carried on where limbs may be taken for each other.
+//! 3. All frames together ([`solve::Stage::refine`]), coupled by smoothness over time; priors step back round by round.
+//!
+//! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
 pub mod contour;
 pub mod correspond;
@@ -11,6 +14,7 @@ pub mod given;
 pub mod search;
 pub mod settings;
 pub mod sight;
+pub mod solve;
 pub mod subject;
 pub mod track;
 
@@ -26,7 +30,7 @@ pub use settings::Settings;
 use sight::{Sight, Studio};
 use std::ops::ControlFlow;
 use subject::Subject;
-use track::Stage;
+use solve::Stage;
 
 /// What stage 1 looks at. All pictures have the camera's size.
 #[derive(Clone, Copy)]
@@ -85,15 +89,55 @@ pub fn fit(
     let subject = Subject::new(input.asset)?;
     let light = first_light(input, &subject)?;
     let stage = stage(input, &subject, &light, settings);
+    let guesses: &[f64] = if stage.guesses_matter() { &[1.0, stage.settings.final_priors] } else { &[1.0] };
+    let mut best: Option<Refined> = None;
+    let usual = stage.mismatch(&subject.tree.kinematics.rest(), 0);
+    for (k, &guesses_weight) in guesses.iter().enumerate() {
+        if best.as_ref().is_some_and(|b| b.unlike() < GOOD * usual) {
+            break;
+        }
+        let mut share = |done: f64| progress((k as f64 + done) / guesses.len() as f64);
+        let refined = refined(&stage, guesses_weight, &mut share)?;
+        // What the rig suggests is given up only where the frames clearly speak against it.
+        if best.as_ref().is_none_or(|b| refined.unlike() * PLAUSIBLE < b.unlike()) {
+            best = Some(refined);
+        }
+    }
+    let Refined { frames, energies, mismatch } = best.expect("one hypothesis at least");
+    let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
+    Ok(Outcome { motion: Motion { name: name.into(), fps, poses }, frames, energies, mismatch })
+}
+
+/// How many times less like the video a motion that follows the rig's hinges may look and still be preferred.
+const PLAUSIBLE: f64 = 1.1;
+
+/// A motion whose frames look this many times as unlike as frame 0, on average, needs no other hypothesis.
+const GOOD: f64 = 1.2;
+
+/// A motion after joint refinement.
+struct Refined {
+    frames: Vec<FramePose>,
+    energies: Vec<f64>,
+    mismatch: Vec<f64>,
+}
+
+impl Refined {
+    fn unlike(&self) -> f64 {
+        self.mismatch.iter().sum::<f64>() / self.mismatch.len() as f64
+    }
+}
+
+/// Tracks and refines with what the rig suggests weighed by `guesses`.
+fn refined(stage: &Stage, guesses: f64, progress: &mut Progress) -> Result<Refined, FitError> {
     let count = stage.frames.len();
-    let mut frames = stage.track(&mut |t| progress(TRACKING_SHARE * t as f64 / count as f64))?;
-    let energies = stage.refine(&mut frames, stage.settings.batch_rounds);
+    let mut frames = stage.track(guesses, &mut |t| progress(TRACKING_SHARE * t as f64 / count as f64))?;
+    let rounds = stage.settings.batch_rounds;
+    let energies = stage.refine(&mut frames, rounds, guesses);
     if progress(1.0).is_break() {
         return Err(FitError::Stopped);
     }
     let mismatch = (0..count).into_par_iter().map(|t| stage.mismatch(&frames[t], t)).collect();
-    let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
-    Ok(Outcome { motion: Motion { name: name.into(), fps, poses }, frames, energies, mismatch })
+    Ok(Refined { frames, energies, mismatch })
 }
 
 fn check(input: &Input) -> Result<(), FitError> {

@@ -16,6 +16,10 @@ use rayon::prelude::*;
 
 /// Angles tried for the first and second lever of a limb [rad].
 const ANGLES_RAD: [&[f64]; 2] = [&[-0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9], &[-0.8, -0.4, 0.0, 0.4, 0.8]];
+/// A swung pose must look better by this factor to be followed.
+const CLEARLY: f64 = 0.97;
+/// Factors on the angles, sweep by sweep.
+const SWEEPS: [f64; 2] = [1.0, 0.4];
 /// Small pictures have this height [px].
 const SMALL_HEIGHT: usize = 128;
 /// Colour differences above this say no more than "wrong".
@@ -94,34 +98,46 @@ fn averaged(image: &Image, w: usize, h: usize, factor: usize) -> Image {
     Image { width: w, height: h, rgb }
 }
 
-/// The best pose found by swinging one limb after the other; never worse than `start` on the small picture.
-pub fn swing_limbs(subject: &Subject, studio: &Studio, small: &Small, start: &FramePose) -> FramePose {
+/// The best pose found by swinging one limb after the other, in the limbs' order or backwards; `None` where none looks
+/// clearly better than `start` on the small picture.
+pub fn swing_limbs(
+    subject: &Subject,
+    studio: &Studio,
+    small: &Small,
+    start: &FramePose,
+    backwards: bool,
+) -> Option<FramePose> {
     let view_axis = studio.camera.view_from_world.matrix3.row(2);
     let mut best = start.clone();
-    let mut score = small.score(subject, studio, &best);
-    for limb in &subject.limbs {
-        let candidates = candidates(limb);
-        let scores: Vec<f64> = candidates
-            .par_iter()
-            .map(|angles| {
-                let cost: f64 = angles.iter().map(|a| ANGLE_COST * a * a).sum();
-                small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
-            })
-            .collect();
-        let Some(k) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
-        if scores[k] < score {
-            best = swung(subject, &best, limb, &candidates[k], view_axis);
-            score = small.score(subject, studio, &best);
+    let before = small.score(subject, studio, &best);
+    let mut score = before;
+    for scale in SWEEPS {
+        let count = subject.limbs.len();
+        for k in 0..count {
+            let limb = &subject.limbs[if backwards { count - 1 - k } else { k }];
+            let candidates = candidates(limb, scale);
+            let scores: Vec<f64> = candidates
+                .par_iter()
+                .map(|angles| {
+                    let cost: f64 = angles.iter().map(|a| ANGLE_COST * a * a).sum();
+                    small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
+                })
+                .collect();
+            let Some(k) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
+            if scores[k] < score {
+                best = swung(subject, &best, limb, &candidates[k], view_axis);
+                score = small.score(subject, studio, &best);
+            }
         }
     }
-    best
+    (score < before * CLEARLY).then_some(best)
 }
 
 /// All combinations of angles for a limb's first levers.
-fn candidates(limb: &Limb) -> Vec<Vec<f64>> {
+fn candidates(limb: &Limb, scale: f64) -> Vec<Vec<f64>> {
     let mut all: Vec<Vec<f64>> = vec![Vec::new()];
     for angles in &ANGLES_RAD[..limb.levers.len().min(ANGLES_RAD.len())] {
-        all = all.iter().flat_map(|c| angles.iter().map(move |a| c.iter().copied().chain([*a]).collect())).collect();
+        all = all.iter().flat_map(|c| angles.iter().map(move |a| c.iter().copied().chain([scale * a]).collect())).collect();
     }
     all
 }

@@ -1,5 +1,7 @@
 //! The constants of stage 1, in units that do not depend on the model's size or the number of points.
 
+use super::solve::Strength;
+
 /// Weights and schedules.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -39,6 +41,10 @@ pub struct Settings {
     pub rounds: usize,
     /// Limbs are searched where a frame looks this many times as unlike as frame 0.
     pub search_above: f64,
+    /// Factor on priors and smoothness at the end of refinement, where residuals are a tenth of a pixel.
+    pub final_priors: f64,
+    /// Huber threshold at the end of refinement [px].
+    pub final_huber_px: f64,
     /// Rounds of drawing and solving all frames together.
     pub batch_rounds: usize,
 }
@@ -63,13 +69,27 @@ impl Default for Settings {
             huber_px: (6.0, 1.5),
             reach_px: (14.0, 5.0),
             rounds: 4,
-            search_above: 1.5,
-            batch_rounds: 2,
+            search_above: 1.25,
+            final_priors: 0.02,
+            final_huber_px: 0.5,
+            batch_rounds: 6,
         }
     }
 }
 
 impl Settings {
+    /// The same at a given strength; frame 0 stays held.
+    pub fn scaled(&self, strength: Strength) -> Self {
+        Self {
+            rest: self.rest * strength.priors,
+            slide: self.slide * strength.priors,
+            off_hinge: self.off_hinge * strength.guesses,
+            off_hinge_top: self.off_hinge_top * strength.guesses,
+            lateral: self.lateral * strength.guesses,
+            ..self.clone()
+        }
+    }
+
     /// Where depth is observed, what stands in for it steps back: hinges, sideways rest and strong smoothness are guesses at
     /// what one view does not show.
     pub fn with_known_depth(self) -> Self {

@@ -38,9 +38,14 @@ impl<'a> Subject<'a> {
         let vertices = tree.vertex_anchors(&asset.rig);
         let pseudo = pseudo_anchors(&vertices, tree.kinematics.len());
         let diagonal = asset.mesh.diagonal();
-        let limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
+        let mut limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
+        let lateral = lateral(&limbs);
+        // A leg that stands askew at rest still bends fore and aft.
+        for hinge in limbs.iter_mut().filter_map(|l| l.hinge.as_mut()) {
+            *hinge = lateral.filter(|l| l.dot(*hinge).abs() > LATERAL_LIMB).unwrap_or(*hinge);
+        }
         Ok(Self {
-            lateral: lateral(&limbs),
+            lateral,
             limbs,
             surface: Surface::new(&asset.mesh, &asset.looks)?,
             diagonal,
@@ -82,6 +87,9 @@ fn tips(tree: &SolveTree, vertices: &[Anchor], positions: &[DVec3]) -> Vec<DVec3
 
 /// Hinges within this angle of each other agree (cosine of 30°).
 const LATERAL_AGREEMENT: f64 = 0.866;
+
+/// Limbs whose own hinge is within this of the body's sideways axis hinge about that axis (cosine of 45°).
+const LATERAL_LIMB: f64 = 0.707;
 
 /// The axis about which most limbs hinge: sideways, for most bodies. At least two limbs and half of all bent ones must agree.
 fn lateral(limbs: &[Limb]) -> Option<DVec3> {

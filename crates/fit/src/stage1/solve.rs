@@ -1,0 +1,238 @@
+//! Draw the model where it is believed to be, see where its points went, move it there: one frame, or all together.
+
+use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
+use super::given::Given;
+use super::search::mismatch;
+use super::settings::Settings;
+use super::sight::{Sight, Studio};
+use super::subject::Subject;
+use crate::robust::Robust;
+use crate::solver::{Options, Problem, Smoothness, solve};
+use crate::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, Pixels};
+use animimic_rig::{AnchorColumns, FramePose};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Everything stage 1 works with.
+pub struct Stage<'a> {
+    /// The model.
+    pub subject: &'a Subject<'a>,
+    /// Camera and light.
+    pub studio: Studio<'a>,
+    /// Frames with masks and contours.
+    pub frames: Vec<Frame<'a>>,
+    /// Dense flow between two pictures.
+    pub flow: &'a Flow<'a>,
+    /// Tracks and depth made elsewhere.
+    pub given: Given<'a>,
+    /// Constants.
+    pub settings: Settings,
+    /// How far the masks' contours lie outside the rendered ones where both show the same [px]; see [`contour_bias`].
+    pub contour_bias_px: f64,
+}
+
+impl Stage<'_> {
+    /// Draws a pose over the background of a frame.
+    pub fn draw(&self, pose: &FramePose, frame: usize) -> Sight {
+        Sight::draw(self.subject, &self.studio, self.frames[frame].background, pose)
+    }
+
+    /// Draws a pose and finds its correspondences in a frame.
+    pub fn correspond(&self, pose: &FramePose, frame: usize, reach_px: f64) -> Correspondences {
+        let sight = self.draw(pose, frame);
+        let mut found = Correspondences::default();
+        if !self.given.add_tracks(frame, &mut found) {
+            by_flow(self.subject, &sight, &self.frames[frame], self.flow, &mut found);
+        }
+        self.given.add_depth(self.studio.camera, frame, &mut found);
+        by_contour(self.subject, &sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
+        found
+    }
+
+    /// Solves the frames in `active` for their correspondences (one entry per active frame); other frames stay.
+    pub fn solve(
+        &self,
+        poses: &mut [FramePose],
+        active: Range<usize>,
+        found: &[Correspondences],
+        strength: Strength,
+        iterations: usize,
+    ) -> Vec<f64> {
+        let s = &self.settings;
+        let huber_px = strength.huber_px;
+        let kinematics = &self.subject.tree.kinematics;
+        let mut anchors = Vec::new();
+        let mut flow =
+            Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
+        let mut contour = Pixels { weight: s.contour, ..flow.clone() };
+        let mut tracks = Pixels { weight: s.tracks, ..flow.clone() };
+        let mut depth = Depth {
+            targets: vec![Vec::new(); poses.len()],
+            sigma: self.given.depth_sigma(),
+            robust: Robust::Huber(DEPTH_HUBER),
+            weight: s.depth,
+            affine: true,
+            kind: self.given.kind,
+        };
+        for (t, c) in active.clone().zip(found) {
+            let base = anchors.len() as u32;
+            anchors.extend(c.anchors.iter().cloned());
+            // Mean over the frame's targets: the weights do not depend on how many points were found.
+            let mean = |count: usize| 1.0 / count.max(100) as f64;
+            let scale = mean(c.depth.len());
+            depth.targets[t].extend(c.depth.iter().map(|d| DepthTarget {
+                anchor: d.anchor + base,
+                weight: d.weight * scale,
+                ..*d
+            }));
+            for (source, target) in [(&c.flow, &mut flow), (&c.contour, &mut contour), (&c.tracks, &mut tracks)] {
+                let scale = mean(source.len());
+                target.targets[t].extend(source.iter().map(|p| crate::terms::PixelTarget {
+                    anchor: p.anchor + base,
+                    weight: p.weight * scale,
+                    ..*p
+                }));
+            }
+        }
+        let columns: Vec<AnchorColumns> = anchors.par_iter().map(|a| a.columns(kinematics)).collect();
+        let priors = self.priors(strength);
+        let smoothness = self.smoothness(strength.priors);
+        let problem = Problem {
+            context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
+            terms: vec![&flow, &contour, &tracks, &depth, &priors],
+            smoothness: Some(&smoothness),
+        };
+        let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
+        solve(&problem, poses, active, &options).energies
+    }
+
+    fn smoothness(&self, scale: f64) -> Smoothness {
+        let d2 = self.subject.diagonal.powi(2);
+        let axis = self.studio.camera.view_from_world.matrix3.row(2);
+        Smoothness {
+            anchors: self.subject.pseudo.clone(),
+            velocity: scale * self.settings.velocity / d2,
+            acceleration: scale * self.settings.acceleration / d2,
+            basis: Smoothness::stretched_basis(axis, self.settings.view_axis),
+        }
+    }
+
+    fn priors(&self, strength: Strength) -> JointPriors {
+        let s = &self.settings.scaled(strength);
+        let kinematics = &self.subject.tree.kinematics;
+        let d2 = self.subject.diagonal.powi(2);
+        let across = |axis: DVec3, stiffness: f64| {
+            let (a, b) = axis.any_orthonormal_pair();
+            [a * stiffness.sqrt(), b * stiffness.sqrt()]
+        };
+        let mut all: Vec<JointPrior> =
+            vec![JointPrior { stiffness: s.rest, slide_stiffness: s.slide / d2, ..JointPrior::FREE }; kinematics.len()];
+        for limb in &self.subject.limbs {
+            let Some(hinge) = limb.hinge else { continue };
+            for (k, &j) in limb.joints.iter().enumerate() {
+                all[j].stiff_axes = across(hinge, if k == 0 { s.off_hinge_top } else { s.off_hinge });
+            }
+        }
+        for root in (0..kinematics.len()).filter(|&j| kinematics.parents[j].is_none()) {
+            all[root] = JointPrior::FREE;
+            if let Some(lateral) = self.subject.lateral {
+                all[root].stiff_axes = across(lateral, s.rest);
+                all[root].slide_axis = lateral * (s.lateral / d2).sqrt();
+            }
+        }
+        // Frame 0 shows the rest pose: the video began from a picture of it.
+        let held = |p: &JointPrior| JointPrior {
+            stiffness: p.stiffness + s.first_frame,
+            slide_stiffness: p.slide_stiffness + s.first_frame_slide / d2,
+            ..*p
+        };
+        JointPriors { joints: vec![all.iter().map(held).collect(), all] }
+    }
+
+    /// Draws and solves one frame in turn, from far to near.
+    pub(super) fn settle(&self, poses: &mut [FramePose], t: usize, guesses: f64) {
+        for round in 0..self.settings.rounds {
+            let (huber, reach) =
+                (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
+            let found = self.correspond(&poses[t], t, reach);
+            self.solve(poses, t..t + 1, &[found], Strength { huber_px: huber, priors: 1.0, guesses }, 6);
+        }
+    }
+
+    /// Geometric interpolation from a round's first to its last value.
+    fn at_round(&self, (first, last): (f64, f64), round: usize) -> f64 {
+        let u = round as f64 / (self.settings.rounds - 1).max(1) as f64;
+        first * (last / first).powf(u)
+    }
+
+    /// The last pose, or the last pose moved on at the last velocity, whichever looks more like the frame.
+    pub(super) fn predict(&self, poses: &[FramePose], t: usize) -> FramePose {
+        let last = &poses[poses.len() - 1];
+        if poses.len() < 2 {
+            return last.clone();
+        }
+        let kinematics = &self.subject.tree.kinematics;
+        let step: Vec<f64> =
+            kinematics.difference(&poses[poses.len() - 2], last).iter().map(|v| VELOCITY_KEPT * v).collect();
+        let moved = kinematics.retract(last, &step);
+        if self.mismatch(&moved, t) < self.mismatch(last, t) { moved } else { last.clone() }
+    }
+
+    /// Whether the rig suggests anything that can be left out.
+    pub fn guesses_matter(&self) -> bool {
+        let s = &self.settings;
+        (s.off_hinge > 0.0 && self.subject.limbs.iter().any(|l| l.hinge.is_some()))
+            || (s.lateral > 0.0 && self.subject.lateral.is_some())
+    }
+
+    /// How unlike a frame a pose looks, in [0, 1].
+    pub fn mismatch(&self, pose: &FramePose, t: usize) -> f64 {
+        mismatch(&self.draw(pose, t), self.frames[t].image, self.frames[t].mask)
+    }
+
+    /// Refines all frames together: redraw every frame, solve jointly; round by round the priors step back behind what is
+    /// seen. Returns the energies of the last solve.
+    pub fn refine(&self, poses: &mut [FramePose], rounds: usize, guesses: f64) -> Vec<f64> {
+        let mut energies = Vec::new();
+        for round in 0..rounds {
+            energies = self.refine_once(poses, self.strength(round, rounds, guesses));
+        }
+        energies
+    }
+
+    /// One round of [`Self::refine`].
+    pub fn refine_once(&self, poses: &mut [FramePose], strength: Strength) -> Vec<f64> {
+        let found: Vec<Correspondences> = (0..poses.len())
+            .into_par_iter()
+            .map(|t| self.correspond(&poses[t], t, self.settings.reach_px.1))
+            .collect();
+        self.solve(poses, 0..poses.len(), &found, strength, 8)
+    }
+
+    fn strength(&self, round: usize, rounds: usize, guesses: f64) -> Strength {
+        let u = (round + 1) as f64 / rounds as f64;
+        let s = &self.settings;
+        Strength {
+            huber_px: s.huber_px.1 * (s.final_huber_px / s.huber_px.1).powf(u),
+            priors: s.final_priors.powf(u),
+            guesses: guesses * (s.final_priors / guesses).powf(u),
+        }
+    }
+}
+
+/// How a solve weighs what is seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Strength {
+    /// Huber threshold of appearance and contour residuals [px].
+    pub huber_px: f64,
+    /// Factor on smoothness and on the pull towards rest.
+    pub priors: f64,
+    /// Factor on what is guessed from the rig: hinges, and a root that does not slide sideways.
+    pub guesses: f64,
+}
+
+/// Huber threshold of depth residuals [σ].
+const DEPTH_HUBER: f64 = 2.0;
+/// Share of the last velocity that a prediction keeps.
+const VELOCITY_KEPT: f64 = 0.9;
