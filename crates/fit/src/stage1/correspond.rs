@@ -127,26 +127,25 @@ pub fn by_contour(subject: &Subject, sight: &Sight, frame: &Frame, reach: f64, b
     }
 }
 
-/// How far a frame's contour lies outside the rendered one [px], as the median over the contour: thresholds and soft edges
+/// How far a frame's contour lies outside the rendered one [px], as the mean over the contour: thresholds and soft edges
 /// shift all of it alike, and a shift that is not taken out would make the model come closer.
 pub fn contour_bias(sight: &Sight, frame: &Frame) -> f64 {
     let rendered = Contour::new(&sight.raster.mask());
-    let mut gaps: Vec<f64> = Vec::new();
+    let (mut sum, mut count) = (0.0, 0);
     for (p, n) in rendered.points.iter().zip(&rendered.normals) {
         let Some(o) = frame.contour.nearest(*p) else { continue };
         let (q, m) = (frame.contour.points[o], frame.contour.normals[o]);
         if p.distance(q) < BIAS_REACH && n.dot(m) > NORMAL_AGREEMENT {
-            gaps.push(m.dot(q - *p));
+            // Gaps are whole pixels: their median would be too.
+            sum += m.dot(q - *p);
+            count += 1;
         }
     }
-    gaps.sort_by(f64::total_cmp);
-    // The mean of the middle half: gaps are whole pixels, so their median would be too.
-    let middle = &gaps[gaps.len() / 4..gaps.len() - gaps.len() / 4];
-    if middle.is_empty() { 0.0 } else { middle.iter().sum::<f64>() / middle.len() as f64 }
+    sum / f64::from(count.max(1))
 }
 
 /// Contours farther apart than this are not the same edge [px].
-const BIAS_REACH: f64 = 4.0;
+const BIAS_REACH: f64 = 2.5;
 
 /// The part of the picture around rendered and observed object.
 struct Window {

@@ -65,7 +65,8 @@ impl Stage<'_> {
         let mut anchors = Vec::new();
         let mut flow =
             Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
-        let mut contour = Pixels { weight: s.contour, ..flow.clone() };
+        let mut contour =
+            Pixels { weight: s.contour, robust: Robust::Huber(huber_px.max(CONTOUR_HUBER_PX)), ..flow.clone() };
         let mut tracks = Pixels { weight: s.tracks, ..flow.clone() };
         let mut depth = Depth {
             targets: vec![Vec::new(); poses.len()],
@@ -232,6 +233,8 @@ pub struct Strength {
     pub guesses: f64,
 }
 
+/// Contours are whole pixels: residuals below this are rounding, which only their mean sees through [px].
+const CONTOUR_HUBER_PX: f64 = 1.5;
 /// Huber threshold of depth residuals [σ].
 const DEPTH_HUBER: f64 = 2.0;
 /// Share of the last velocity that a prediction keeps.

@@ -97,8 +97,13 @@ impl Job<'_> {
         if t == 0 {
             return Carried { distance: outline.to_vec(), trust: vec![1.0; outline.len()] };
         }
-        let (w, h) = (self.video.frames[0].width, self.video.frames[0].height);
         let (forward, back) = &self.flows[t - 1];
+        self.carried_by(forward, back, outline)
+    }
+
+    /// The outline carried along `forward`; `back` is the flow the other way.
+    fn carried_by(&self, forward: &Flow, back: &Flow, outline: &[f32]) -> Carried {
+        let (w, h) = (self.video.frames[0].width, self.video.frames[0].height);
         let before = Gray { width: w, height: h, values: outline.to_vec() };
         let mut distance = Vec::with_capacity(w * h);
         for y in 0..h {
@@ -125,21 +130,32 @@ impl Job<'_> {
         let w = self.video.frames[0].width;
         let h = self.video.frames[0].height;
         let (weak, strong) = (start.weak, self.options.threshold);
-        let mut masks = Vec::new();
-        for (t, frame) in self.video.frames.iter().enumerate() {
-            let carried = self.carried(t, &outline);
+        let one = |t: usize, carried: &Carried| {
+            let frame = &self.video.frames[t];
             let difference = Difference::new(frame, t, &start.background);
             let pull: Vec<f32> =
-                (0..w * h).map(|i| unlike_plain(difference.color[i], weak, strong) + self.prior(&carried, i)).collect();
+                (0..w * h).map(|i| unlike_plain(difference.color[i], weak, strong) + self.prior(carried, i)).collect();
             let label = cut(&pull, &carried.distance, w, CERTAIN * self.scale, CONTRAST, |i, j| contrast(frame, i, j));
             let kept = kept_regions(&label, w, h, self.options);
             let lean = |i: usize| carried.trust[i] * (carried.distance[i] / self.scale).clamp(-LEAN_LIMIT, LEAN_LIMIT);
             let coverage = soft_edge(&kept, &difference, w, self.options, lean);
-            outline = signed_distance(&coverage.iter().map(|&c| c >= 128).collect::<Vec<_>>(), w);
+            let mut outline = signed_distance(&coverage.iter().map(|&c| c >= 128).collect::<Vec<_>>(), w);
             // Trimming eats into edges that fade, a little every frame: what is carried on lies between both outlines.
             let untrimmed = signed_distance(&kept, w);
             outline.iter_mut().zip(&untrimmed).for_each(|(d, u)| *d += UNTRIMMED_SHARE * (u - *d));
-            masks.push(Mask { width: w, height: h, coverage });
+            (Mask { width: w, height: h, coverage }, outline)
+        };
+        let mut masks: Vec<Mask> = Vec::new();
+        for t in 0..self.video.frames.len() {
+            let (mask, next) = one(t, &self.carried(t, &outline));
+            outline = next;
+            masks.push(mask);
+            if t == 1 {
+                // Frame 0 again, from the outline of frame 1: edges of all frames are then biased alike, and what compares
+                // frame 0 with the silhouette it began from can take that out.
+                let (forward, back) = &self.flows[0];
+                masks[0] = one(0, &self.carried_by(back, forward, &outline)).0;
+            }
         }
         let confidence = start.confidence();
         MaskCue { masks, background: start.background, confidence }
