@@ -149,7 +149,10 @@ mod tests {
         tips[7] = DVec3::new(0.0, 0.8, 1.0);
         let tree = Kinematics::new(parents, pivots, vec![true; 11], vec![false; 11]);
         let found = limbs(&tree, &tips, 1.5);
-        assert_eq!(found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(), [vec![1, 2, 3], vec![4, 5], vec![6, 7], vec![8, 9, 10]]);
+        assert_eq!(
+            found.iter().map(|l| l.joints.clone()).collect::<Vec<_>>(),
+            [vec![1, 2, 3], vec![4, 5], vec![6, 7], vec![8, 9, 10]]
+        );
         assert!(found[0].hinge.expect("bent").x.abs() > 0.99);
         assert!(found[1].hinge.is_none());
         assert!(found[2].hinge.is_none(), "a bent neck turns to all sides");

@@ -63,9 +63,7 @@ impl SolveTree {
         let slides = skeleton_joint
             .iter()
             .zip(&solve_parents)
-            .map(|(&j, parent)| {
-                parent.is_none() || ties.iter().any(|t| t.0 == j) || geometry.floats(&parents, j)
-            })
+            .map(|(&j, parent)| parent.is_none() || ties.iter().any(|t| t.0 == j) || geometry.floats(&parents, j))
             .collect();
         let pivots = skeleton_joint.iter().map(|&j| rest_world[j].translation).collect();
         let turns = vec![true; skeleton_joint.len()];

@@ -28,9 +28,9 @@ use given::Given;
 use rayon::prelude::*;
 pub use settings::Settings;
 use sight::{Sight, Studio};
+use solve::Stage;
 use std::ops::ControlFlow;
 use subject::Subject;
-use solve::Stage;
 
 /// What stage 1 looks at. All pictures have the camera's size.
 #[derive(Clone, Copy)]

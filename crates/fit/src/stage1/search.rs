@@ -137,7 +137,10 @@ pub fn swing_limbs(
 fn candidates(limb: &Limb, scale: f64) -> Vec<Vec<f64>> {
     let mut all: Vec<Vec<f64>> = vec![Vec::new()];
     for angles in &ANGLES_RAD[..limb.levers.len().min(ANGLES_RAD.len())] {
-        all = all.iter().flat_map(|c| angles.iter().map(move |a| c.iter().copied().chain([scale * a]).collect())).collect();
+        all = all
+            .iter()
+            .flat_map(|c| angles.iter().map(move |a| c.iter().copied().chain([scale * a]).collect()))
+            .collect();
     }
     all
 }

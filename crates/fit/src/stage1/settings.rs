@@ -25,6 +25,10 @@ pub struct Settings {
     pub off_hinge: f64,
     /// The same for the limb's first joint.
     pub off_hinge_top: f64,
+    /// Angle from rest beyond which a joint is pulled back [rad]: nothing folds through itself.
+    pub limit_rad: f64,
+    /// Stiffness of that limit [1/rad²].
+    pub limit: f64,
     /// Pull of the root against sideways displacement [1/diagonal²].
     pub lateral: f64,
     /// Pull of a floating part towards its place [1/diagonal²].
@@ -41,8 +45,10 @@ pub struct Settings {
     pub rounds: usize,
     /// Limbs are searched where a frame looks this many times as unlike as frame 0.
     pub search_above: f64,
-    /// Factor on priors and smoothness at the end of refinement, where residuals are a tenth of a pixel.
+    /// Factor on priors at the end of refinement, where residuals are a tenth of a pixel.
     pub final_priors: f64,
+    /// Factor on smoothness at the end of refinement.
+    pub final_smoothness: f64,
     /// Huber threshold at the end of refinement [px].
     pub final_huber_px: f64,
     /// Rounds of drawing and solving all frames together.
@@ -64,6 +70,8 @@ impl Default for Settings {
             first_frame_slide: 1e6,
             off_hinge: 1000.0,
             off_hinge_top: 400.0,
+            limit_rad: 2.2,
+            limit: 300.0,
             lateral: 1e5,
             slide: 3e4,
             huber_px: (6.0, 1.5),
@@ -71,6 +79,7 @@ impl Default for Settings {
             rounds: 4,
             search_above: 1.25,
             final_priors: 0.02,
+            final_smoothness: 0.2,
             final_huber_px: 0.5,
             batch_rounds: 6,
         }

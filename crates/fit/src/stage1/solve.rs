@@ -98,7 +98,7 @@ impl Stage<'_> {
         }
         let columns: Vec<AnchorColumns> = anchors.par_iter().map(|a| a.columns(kinematics)).collect();
         let priors = self.priors(strength);
-        let smoothness = self.smoothness(strength.priors);
+        let smoothness = self.smoothness(strength.smoothness);
         let problem = Problem {
             context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
             terms: vec![&flow, &contour, &tracks, &depth, &priors],
@@ -127,8 +127,14 @@ impl Stage<'_> {
             let (a, b) = axis.any_orthonormal_pair();
             [a * stiffness.sqrt(), b * stiffness.sqrt()]
         };
-        let mut all: Vec<JointPrior> =
-            vec![JointPrior { stiffness: s.rest, slide_stiffness: s.slide / d2, ..JointPrior::FREE }; kinematics.len()];
+        let usual = JointPrior {
+            stiffness: s.rest,
+            limit_rad: s.limit_rad,
+            limit_stiffness: s.limit,
+            slide_stiffness: s.slide / d2,
+            ..JointPrior::FREE
+        };
+        let mut all = vec![usual; kinematics.len()];
         for limb in &self.subject.limbs {
             let Some(hinge) = limb.hinge else { continue };
             for (k, &j) in limb.joints.iter().enumerate() {
@@ -157,7 +163,13 @@ impl Stage<'_> {
             let (huber, reach) =
                 (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
             let found = self.correspond(&poses[t], t, reach);
-            self.solve(poses, t..t + 1, &[found], Strength { huber_px: huber, priors: 1.0, guesses }, 6);
+            self.solve(
+                poses,
+                t..t + 1,
+                &[found],
+                Strength { huber_px: huber, priors: 1.0, smoothness: 1.0, guesses },
+                6,
+            );
         }
     }
 
@@ -204,10 +216,8 @@ impl Stage<'_> {
 
     /// One round of [`Self::refine`].
     pub fn refine_once(&self, poses: &mut [FramePose], strength: Strength) -> Vec<f64> {
-        let found: Vec<Correspondences> = (0..poses.len())
-            .into_par_iter()
-            .map(|t| self.correspond(&poses[t], t, self.settings.reach_px.1))
-            .collect();
+        let found: Vec<Correspondences> =
+            (0..poses.len()).into_par_iter().map(|t| self.correspond(&poses[t], t, self.settings.reach_px.1)).collect();
         self.solve(poses, 0..poses.len(), &found, strength, 8)
     }
 
@@ -217,6 +227,7 @@ impl Stage<'_> {
         Strength {
             huber_px: s.huber_px.1 * (s.final_huber_px / s.huber_px.1).powf(u),
             priors: s.final_priors.powf(u),
+            smoothness: s.final_smoothness.powf(u),
             guesses: guesses * (s.final_priors / guesses).powf(u),
         }
     }
@@ -227,8 +238,10 @@ impl Stage<'_> {
 pub struct Strength {
     /// Huber threshold of appearance and contour residuals [px].
     pub huber_px: f64,
-    /// Factor on smoothness and on the pull towards rest.
+    /// Factor on the pull towards rest.
     pub priors: f64,
+    /// Factor on smoothness over time.
+    pub smoothness: f64,
     /// Factor on what is guessed from the rig: hinges, and a root that does not slide sideways.
     pub guesses: f64,
 }
