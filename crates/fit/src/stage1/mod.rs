@@ -112,7 +112,7 @@ pub fn fit(
 const PLAUSIBLE: f64 = 1.1;
 
 /// A motion whose frames look this many times as unlike as frame 0, on average, needs no other hypothesis.
-const GOOD: f64 = 1.2;
+const GOOD: f64 = 1.1;
 
 /// A motion after joint refinement.
 struct Refined {

@@ -111,9 +111,14 @@ pub fn swing_limbs(
     let mut best = start.clone();
     let before = small.score(subject, studio, &best);
     let mut score = before;
+    let count = subject.limbs.len();
+    let mut moved = vec![true; count];
     for scale in SWEEPS {
-        let count = subject.limbs.len();
         for k in 0..count {
+            // What a sweep left in place the finer one leaves too.
+            if !moved[k] {
+                continue;
+            }
             let limb = &subject.limbs[if backwards { count - 1 - k } else { k }];
             let candidates = candidates(limb, scale);
             let scores: Vec<f64> = candidates
@@ -123,9 +128,10 @@ pub fn swing_limbs(
                     small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
                 })
                 .collect();
-            let Some(k) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
-            if scores[k] < score {
-                best = swung(subject, &best, limb, &candidates[k], view_axis);
+            let Some(c) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
+            moved[k] = scores[c] < score;
+            if moved[k] {
+                best = swung(subject, &best, limb, &candidates[c], view_axis);
                 score = small.score(subject, studio, &best);
             }
         }

@@ -13,6 +13,8 @@ use std::ops::ControlFlow;
 
 /// Hypotheses carried from frame to frame.
 const BEAM: usize = 3;
+/// The best of them, whose limbs are swung.
+const SWINGING: usize = 2;
 /// Hypotheses whose points are nearer than this are the same [rest diagonal, root mean square].
 const SAME: f64 = 0.01;
 /// A hypothesis that looks worse than the best by more than this many times frame 0's mismatch is given up.
@@ -41,7 +43,10 @@ impl Stage<'_> {
         let usual = self.mismatch(&rest, 0);
         let mut beam = vec![Story { poses: vec![rest], cost: 0.0 }];
         for t in 1..self.frames.len() {
-            let mut next: Vec<Story> = beam.iter().flat_map(|story| self.continued(story, t, guesses, usual)).collect();
+            let mut next = Vec::new();
+            for (rank, story) in beam.iter().enumerate() {
+                next.extend(self.continued(story, t, guesses, usual, rank < SWINGING));
+            }
             next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             beam.clear();
             let limit = next[0].cost + GIVE_UP * usual;
@@ -61,7 +66,7 @@ impl Stage<'_> {
     }
 
     /// A story with one frame more: as predicted, and with limbs swung where that looks wrong.
-    fn continued(&self, story: &Story, t: usize, guesses: f64, usual: f64) -> Vec<Story> {
+    fn continued(&self, story: &Story, t: usize, guesses: f64, usual: f64, swing: bool) -> Vec<Story> {
         let settled = |start: FramePose| {
             let mut poses = story.poses.clone();
             poses.push(start);
@@ -70,24 +75,31 @@ impl Stage<'_> {
             (Story { poses, cost: story.cost + unlike }, unlike)
         };
         let (straight, unlike) = settled(self.predict(&story.poses, t));
-        if unlike <= usual * self.settings.search_above {
+        if !swing || unlike <= usual * self.settings.search_above {
             return vec![straight];
         }
         let small = Small::new(&self.frames[t], self.studio.camera);
         let pose = &straight.poses[t];
-        let mut all: Vec<Story> = [false, true]
-            .into_par_iter()
-            .filter_map(|backwards| swing_limbs(self.subject, &self.studio, &small, pose, backwards))
-            .map(|start| settled(start).0)
+        let mut starts: Vec<FramePose> = [false, true]
+            .iter()
+            .filter_map(|&backwards| swing_limbs(self.subject, &self.studio, &small, pose, backwards))
             .collect();
+        if starts.len() == 2 && self.pose_distance(&starts[0], &starts[1]) < SAME {
+            starts.pop();
+        }
+        let mut all: Vec<Story> = starts.into_par_iter().map(|start| settled(start).0).collect();
         all.push(straight);
         all
     }
 
-    /// How far two stories are apart in their last frame [rest diagonal, root mean square over points].
+    /// How far two stories are apart in their last frame.
     fn distance(&self, a: &Story, b: &Story) -> f64 {
-        let last = |s: &Story| self.subject.posed(&s.poses[s.poses.len() - 1]);
-        let (a, b) = (last(a), last(b));
+        self.pose_distance(&a.poses[a.poses.len() - 1], &b.poses[b.poses.len() - 1])
+    }
+
+    /// How far two poses are apart [rest diagonal, root mean square over vertices].
+    fn pose_distance(&self, a: &FramePose, b: &FramePose) -> f64 {
+        let (a, b) = (self.subject.posed(a), self.subject.posed(b));
         let sum: f64 = self.subject.pseudo.iter().map(|p| p.position(&a).distance_squared(p.position(&b))).sum();
         sum.sqrt() / self.subject.diagonal
     }
