@@ -11,6 +11,6 @@ pub mod proxy;
 pub mod smoothness;
 pub mod solve_tree;
 
-pub use anchor::{Anchor, AnchorColumns};
+pub use anchor::{Anchor, AnchorColumns, Share};
 pub use kinematics::{FramePose, Kinematics, Posed};
 pub use proxy::proxy;

@@ -8,6 +8,7 @@
 //!
 //! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
+pub mod balls;
 pub mod contour;
 pub mod correspond;
 pub mod given;

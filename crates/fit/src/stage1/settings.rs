@@ -29,6 +29,8 @@ pub struct Settings {
     pub limit_rad: f64,
     /// Stiffness of that limit [1/rad²].
     pub limit: f64,
+    /// Stiffness with which parts keep from passing through each other [1/diagonal²].
+    pub penetration: f64,
     /// Pull of the root against sideways displacement [1/diagonal²].
     pub lateral: f64,
     /// Pull of a floating part towards its place [1/diagonal²].
@@ -72,6 +74,7 @@ impl Default for Settings {
             off_hinge_top: 400.0,
             limit_rad: 2.2,
             limit: 300.0,
+            penetration: 1e5,
             lateral: 1e5,
             slide: 3e4,
             huber_px: (6.0, 1.5),

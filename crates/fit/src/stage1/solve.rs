@@ -8,7 +8,7 @@ use super::sight::{Sight, Studio};
 use super::subject::Subject;
 use crate::robust::Robust;
 use crate::solver::{Options, Problem, Smoothness, solve};
-use crate::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, Pixels};
+use crate::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, Penetration, Pixels};
 use animimic_rig::{AnchorColumns, FramePose};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -62,7 +62,7 @@ impl Stage<'_> {
         let s = &self.settings;
         let huber_px = strength.huber_px;
         let kinematics = &self.subject.tree.kinematics;
-        let mut anchors = Vec::new();
+        let mut anchors = self.subject.balls.anchors.clone();
         let mut flow =
             Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
         let mut contour =
@@ -98,10 +98,14 @@ impl Stage<'_> {
         }
         let columns: Vec<AnchorColumns> = anchors.par_iter().map(|a| a.columns(kinematics)).collect();
         let priors = self.priors(strength);
+        let penetration = Penetration {
+            pairs: self.subject.balls.pairs.clone(),
+            weight: s.penetration / self.subject.diagonal.powi(2),
+        };
         let smoothness = self.smoothness(strength.smoothness);
         let problem = Problem {
             context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
-            terms: vec![&flow, &contour, &tracks, &depth, &priors],
+            terms: vec![&flow, &contour, &tracks, &depth, &priors, &penetration],
             smoothness: Some(&smoothness),
         };
         let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };

@@ -1,5 +1,6 @@
 //! The model that is fitted: everything about it that does not change from frame to frame.
 
+use super::balls::Balls;
 use animimic_render::{RenderError, Surface};
 use animimic_rig::limbs::{Limb, limbs};
 use animimic_rig::smoothness::pseudo_anchors;
@@ -24,6 +25,8 @@ pub struct Subject<'a> {
     pub limbs: Vec<Limb>,
     /// Sideways direction of the body: the axis about which most limbs hinge, if they agree.
     pub lateral: Option<DVec3>,
+    /// Balls that keep parts from passing through each other.
+    pub balls: Balls,
     /// Rest diagonal [model unit].
     pub diagonal: f64,
 }
@@ -49,6 +52,7 @@ impl<'a> Subject<'a> {
             limbs,
             surface: Surface::new(&asset.mesh, &asset.looks)?,
             diagonal,
+            balls: Balls::new(&vertices, &asset.mesh.positions, tree.kinematics.len()),
             asset,
             tree,
             vertices,

@@ -5,10 +5,12 @@
 
 mod depth;
 mod joint_prior;
+mod penetration;
 mod pixel;
 
 pub use depth::{Depth, DepthTarget};
 pub use joint_prior::{JointPrior, JointPriors};
+pub use penetration::{BallPair, Penetration};
 pub use pixel::{PixelTarget, Pixels};
 
 use crate::normal::NormalEquations;
@@ -16,7 +18,7 @@ use animimic_rig::{Anchor, AnchorColumns, FramePose, Kinematics, Posed};
 use animimic_scene::Camera;
 
 /// Names of all terms, in the order in which they are listed.
-pub const NAMES: &[&str] = &["pixels", "depth", "joint_prior"];
+pub const NAMES: &[&str] = &["pixels", "depth", "joint_prior", "penetration"];
 
 /// What terms of one problem share.
 pub struct Context<'a> {
@@ -117,6 +119,15 @@ mod tests {
                     slide_stiffness: 3.0,
                 };
                 vec![Box::new(JointPriors { joints: vec![(0..context.kinematics.len()).map(|_| prior()).collect()] })]
+            }
+            "penetration" => {
+                let pairs: Vec<BallPair> = (0..count as u32 - 3)
+                    .map(|i| BallPair {
+                        anchors: [i, i + 3],
+                        clearance: at(i as usize).distance(at(i as usize + 3)) * (0.7 + rng.uniform()),
+                    })
+                    .collect();
+                vec![Box::new(Penetration { pairs, weight: 1.3 })]
             }
             _ => Vec::new(),
         }
