@@ -3,7 +3,8 @@
 //! Files hang joints in ways that suit an animation tool rather than anatomy: IK feet beside the armature, control bones
 //! without weights, chains of roots. For solving,
 //! * only joints that move vertices, and what lies between them, take part;
-//! * a subtree whose geometry hangs on a bone far from its own parent (an IK foot) is *tied* to that bone;
+//! * a subtree whose geometry hangs on a bone far from its own parent (an IK foot) is *tied* to that bone, against which it
+//!   may slide a little; what holds most of the body is never tied to a limb;
 //! * the root is the deepest joint above (nearly) all weight; it alone is displaced freely;
 //! * parts that touch nothing (floating hands) may slide against their parent.
 //!
@@ -360,7 +361,8 @@ mod tests {
         assert_eq!(tree.ties, [(joint::FOOT, joint::SHIN)]);
         let sliding: Vec<usize> =
             (0..tree.kinematics.len()).filter(|&j| tree.kinematics.slides[j]).map(|j| tree.skeleton_joint[j]).collect();
-        assert_eq!(sliding, [joint::ARMATURE, joint::PROP, joint::HIP, joint::THIGH, joint::HAND]);
+        // A tied foot is moved by other means in the file, so it need not stay at the end of its shin.
+        assert_eq!(sliding, [joint::ARMATURE, joint::PROP, joint::HIP, joint::THIGH, joint::HAND, joint::FOOT]);
         assert_eq!(tree.joint_of[joint::MARKER], tree.joint_of[joint::CHEST], "it follows the chest");
     }
 
