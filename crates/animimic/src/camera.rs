@@ -1,11 +1,11 @@
 //! Which camera looks at the model: a file, a preset, or found from the first frame.
 
 use crate::Error;
+use crate::cues::dense_flow;
 use crate::pictures::background_picture;
 use animimic_fit::camera::{CameraFit, CameraSearch, find_camera};
 use animimic_scene::{Asset, Camera, CameraFile, Image, Mask, io};
 use animimic_video::cues::Background;
-use animimic_video::flow::{self, FlowOptions, Gray};
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -131,9 +131,7 @@ pub fn from_file(path: &std::path::Path, width: u32, height: u32) -> Result<Came
 /// [`Error::Fit`] when the mask is empty or no camera explains it; the message says what to do.
 pub fn find(asset: &Asset, frame: &Image, mask: &Mask, background: &Background) -> Result<CameraFit, Error> {
     let behind = background_picture(background, frame, 0);
-    let options = FlowOptions::default();
-    let flow = |a: &Image, b: &Image| flow::dis(&Gray::from_image(a), &Gray::from_image(b), &options).vectors;
-    Ok(find_camera(&CameraSearch { asset, frame, mask, background: &behind, flow: &flow })?)
+    Ok(find_camera(&CameraSearch { asset, frame, mask, background: &behind, flow: &dense_flow })?)
 }
 
 /// Views to look at a result from: the input view turned by ±45° about the vertical through `target`.

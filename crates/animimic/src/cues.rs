@@ -2,12 +2,13 @@
 
 use crate::Error;
 use crate::event::{Event, Progress, tell};
-use animimic_scene::{Mask, Video};
+use animimic_scene::{Image, Mask, Video};
 use animimic_video::cues;
 use animimic_video::cues::providers::{
     DepthFiles, FlowTracks, Found, MaskFiles, PlainMasks, Provider, SilhouetteMasks, Sources, TrackFiles,
     resized_tracks,
 };
+use animimic_video::flow::{FlowOptions, Gray, dis};
 use std::path::Path;
 
 /// Finds masks and tracks of a video and writes `masks.npz`, `tracks.npz` and `overlay.mp4`; returns statistics.
@@ -49,6 +50,11 @@ pub fn write(
     let mut frames = cues::overlay(&video, &found.cues).into_iter();
     animimic_video::write_mp4(&folder.join("overlay.mp4"), &mut frames, video.fps)?;
     Ok(statistics)
+}
+
+/// The dense flow that cameras and motions are found with: displacements [px] from one picture to another.
+pub(crate) fn dense_flow(from: &Image, to: &Image) -> Vec<[f32; 2]> {
+    dis(&Gray::from_image(from), &Gray::from_image(to), &FlowOptions::default()).vectors
 }
 
 /// Which ways the cues of one video are found: masks in any case, tracks and depth where files are given.

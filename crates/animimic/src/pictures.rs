@@ -99,27 +99,6 @@ impl Studio {
     }
 }
 
-/// A picture at another size by area averaging (shrinking) or repetition (enlarging).
-pub fn resized(image: &Image, width: usize, height: usize) -> Image {
-    let span = |i: usize, n: usize, m: usize| (i * m / n, ((i + 1) * m).div_ceil(n).max(i * m / n + 1).min(m));
-    let mut rgb = Vec::with_capacity(width * height);
-    for y in 0..height {
-        let (y0, y1) = span(y, height, image.height);
-        for x in 0..width {
-            let (x0, x1) = span(x, width, image.width);
-            let mut sum = [0u32; 3];
-            for v in y0..y1 {
-                for p in &image.rgb[v * image.width + x0..v * image.width + x1] {
-                    (0..3).for_each(|c| sum[c] += u32::from(p[c]));
-                }
-            }
-            let n = ((y1 - y0) * (x1 - x0)) as u32;
-            rgb.push(sum.map(|s| ((s + n / 2) / n) as u8));
-        }
-    }
-    Image { width, height, rgb }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,7 +107,7 @@ mod tests {
     fn shrinking_averages_and_the_border_colour_is_the_median() {
         let mut image = Image::filled(4, 4, [10, 20, 30]);
         image.rgb[5] = [250; 3];
-        let small = resized(&image, 2, 2);
+        let small = image.resized(2, 2);
         assert_eq!(small.rgb[0], [70, 78, 85]);
         assert_eq!(small.rgb[3], [10, 20, 30]);
         assert_eq!(border_color(&image), [10, 20, 30]);

@@ -4,9 +4,11 @@
 #![deny(missing_docs)]
 
 pub mod camera;
+mod color;
 mod error;
 pub mod normal;
 pub mod robust;
+mod schedule;
 pub mod smoothness;
 pub mod solver;
 pub mod stage1;

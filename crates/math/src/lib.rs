@@ -7,6 +7,7 @@ pub mod block_tridiagonal;
 pub mod gradcheck;
 pub mod lanes;
 pub mod polar3;
+pub mod small_spd;
 pub mod so3;
 pub mod sparse;
 pub mod svd3;

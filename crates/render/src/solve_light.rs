@@ -12,6 +12,7 @@ use crate::project::project;
 use crate::raster::{NONE, Raster};
 use crate::shade::Posed;
 use crate::surface::Surface;
+use animimic_math::small_spd::solve_spd;
 use animimic_scene::image::linear_from_srgb;
 use animimic_scene::{Camera, Image, Mask};
 use glam::DVec3;
@@ -201,7 +202,8 @@ fn solve_channel(samples: &[LightSample], channel: usize) -> [f64; HARMONICS] {
                 add(&mut a, &mut b, &y, 0.0, DIRECTION_WEIGHT * total / DIRECTIONS as f64);
             }
         }
-        c = solve_spd(a, b);
+        // The ambient pull makes the system definite.
+        c = solve_spd(a, b).unwrap_or(c);
     }
     c
 }
@@ -222,21 +224,6 @@ fn add(
         (0..HARMONICS).for_each(|j| a[i][j] += wi * row[j]);
         b[i] += wi * value;
     }
-}
-
-/// Cholesky solve of a positive definite system (the ambient pull makes it so).
-fn solve_spd(mut a: [[f64; HARMONICS]; HARMONICS], mut b: [f64; HARMONICS]) -> [f64; HARMONICS] {
-    for i in 0..HARMONICS {
-        for j in 0..=i {
-            let sum: f64 = a[i][j] - (0..j).map(|k| a[i][k] * a[j][k]).sum::<f64>();
-            a[i][j] = if i == j { sum.max(1e-300).sqrt() } else { sum / a[j][j] };
-        }
-        b[i] = (b[i] - (0..i).map(|k| a[i][k] * b[k]).sum::<f64>()) / a[i][i];
-    }
-    for i in (0..HARMONICS).rev() {
-        b[i] = (b[i] - (i + 1..HARMONICS).map(|k| a[k][i] * b[k]).sum::<f64>()) / a[i][i];
-    }
-    b
 }
 
 /// Directions spread evenly over the sphere (Fibonacci spiral).

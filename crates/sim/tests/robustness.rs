@@ -46,16 +46,25 @@ fn a_body_recovers_from_any_collapsed_start() {
                 assert_eq!(end.inverted, 0);
                 // Corotated linear elasticity has kinks where R jumps: the first step out of a point may stop at one.
                 assert!(end.missed <= usize::from(model == Model::CorotatedLinear));
-                // Held by a face it must pass through, or torn apart at random beside it, a body may wind its tets around
-                // an edge twice, and so may corotated linear elasticity out of its kinks: equilibria with every tet
-                // upright, which no motion of upright tets undoes. Nothing else has such an excuse, and there the edges
-                // are named.
-                let excused = !held.is_empty() || model == Model::CorotatedLinear;
-                assert!(if excused && !end.wound.is_empty() { end.energy < 0.5 } else { end.energy < 1e-4 });
+                let excused = WOUND.contains(&(model, held.is_empty(), name)) && !end.wound.is_empty();
+                assert!(end.energy < if excused { 0.5 } else { 1e-4 });
             }
         }
     }
 }
+
+/// Starts (model, free, name) out of which tets end wound around an edge twice: held by a face that the body must pass
+/// through, or out of the kinks of corotated linear elasticity. These are equilibria with every tet upright, which no motion
+/// of upright tets undoes; the edges are named. Nothing else has such an excuse.
+const WOUND: [(Model, bool, &str); 7] = [
+    (Model::FixedCorotated, false, "point"),
+    (Model::FixedCorotated, false, "blurred point"),
+    (Model::FixedCorotated, false, "inverted through its end"),
+    (Model::StableNeoHookean, false, "point"),
+    (Model::StableNeoHookean, false, "blurred point"),
+    (Model::StableNeoHookean, false, "inverted through its end"),
+    (Model::CorotatedLinear, true, "blurred point"),
+];
 
 /// How a body ended that was left alone for 5 s.
 struct Relaxed {

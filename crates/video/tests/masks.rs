@@ -2,7 +2,7 @@
 mod support;
 
 use animimic_scene::{Image, Mask, Video, io};
-use animimic_video::cues::{MaskOptions, masks, masks_with_prior};
+use animimic_video::cues::{MaskCue, MaskOptions, masks, masks_with_prior};
 use animimic_video::{ReadOptions, read};
 use std::path::Path;
 use support::*;
@@ -15,6 +15,13 @@ fn overlap<'a>(found: impl Iterator<Item = &'a Mask>, truth: &[Mask]) -> (f64, f
 
 fn true_masks(case: &Path) -> Vec<Mask> {
     unpack(io::npz::read(case.join("masks.npz")).expect("reads").need("main").expect("there"), 512)
+}
+
+/// Masks grown from the true silhouette of frame 0, with the CPU time they took [ms per frame].
+fn grown(video: &Video, truth: &[Mask]) -> (MaskCue, f64) {
+    let start = process_cpu_ms();
+    let cue = masks_with_prior(video, &truth[0], &MaskOptions::default()).expect("fits");
+    (cue, (process_cpu_ms() - start) / video.frames.len() as f64)
 }
 
 /// Pictures of where masks are too large (red) and too small (green), into the folder LOOK if the environment names one.
@@ -41,9 +48,7 @@ fn masks_agree_with_the_renderers_coverage() {
         let video = read(&case.join("video.mp4"), &ReadOptions::default()).expect("reads");
         let truth = true_masks(&case);
         let plain = overlap(masks(&video, &MaskOptions::default()).masks.iter(), &truth);
-        let start = process_cpu_ms();
-        let cue = masks_with_prior(&video, &truth[0], &MaskOptions::default()).expect("fits");
-        let ms = (process_cpu_ms() - start) / video.frames.len() as f64;
+        let (cue, ms) = grown(&video, &truth);
         let (mean, worst) = overlap(cue.masks.iter(), &truth);
         println!(
             "{:18} IoU {mean:.4}, worst {worst:.4} (without silhouette {:.4}, {:.4}), confidence {:.2}, {ms:.0} CPU-ms a frame",
@@ -73,7 +78,7 @@ fn masks_agree_with_a_segmentation_network_on_real_videos() {
         let plain = masks(&video, &MaskOptions::default());
         let (plain, plain_worst) = overlap(frames.iter().map(|&f| &plain.masks[f]), &truth);
         assert_eq!(frames[0], 0);
-        let cue = masks_with_prior(&video, &truth[0], &MaskOptions::default()).expect("fits");
+        let (cue, _) = grown(&video, &truth);
         let (mean, worst) = overlap(frames.iter().map(|&f| &cue.masks[f]), &truth);
         println!("{case}: IoU {mean:.4}, worst {worst:.4} (without silhouette {plain:.4}, {plain_worst:.4})");
         assert!(mean >= 0.95 && mean > plain - 0.002);
@@ -122,9 +127,7 @@ fn with_the_silhouette_of_frame_0_an_object_is_found_on_clutter_that_stands_or_m
         let truth = true_masks(&case);
         for pan in [[0.0; 2], [2.5, -0.75]] {
             let composite = over_clutter(&video, &truth, pan);
-            let start = process_cpu_ms();
-            let cue = masks_with_prior(&composite, &truth[0], &MaskOptions::default()).expect("fits");
-            let ms = (process_cpu_ms() - start) / video.frames.len() as f64;
+            let (cue, ms) = grown(&composite, &truth);
             let (mean, worst) = overlap(cue.masks.iter(), &truth);
             println!(
                 "{:18} moving {pan:?}: IoU {mean:.4}, worst {worst:.4}, confidence {:.2}, {ms:.0} CPU-ms a frame",

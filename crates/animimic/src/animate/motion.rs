@@ -2,12 +2,12 @@
 
 use super::LossCurve;
 use crate::Error;
+use crate::cues::dense_flow;
 use crate::event::{Event, Progress};
 use crate::pictures::background_picture;
 use animimic_fit::stage1::{self, Settings};
 use animimic_scene::{Asset, Camera, Cues, Image, Motion, Video};
 use animimic_video::cues::Background;
-use animimic_video::flow::{self, FlowOptions, Gray};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
 
@@ -34,15 +34,13 @@ pub fn find(
 ) -> Result<Solved, Error> {
     let backgrounds: Vec<Image> =
         (0..video.frames.len()).into_par_iter().map(|t| background_picture(background, &video.frames[t], t)).collect();
-    let options = FlowOptions::default();
-    let flow = |a: &Image, b: &Image| flow::dis(&Gray::from_image(a), &Gray::from_image(b), &options).vectors;
     let input = stage1::Input {
         asset,
         camera,
         frames: &video.frames,
         masks: &cues.masks,
         backgrounds: &backgrounds,
-        flow: &flow,
+        flow: &dense_flow,
         tracks: Some(&cues.tracks).filter(|t| !t.query_frame.is_empty()),
         depth: &cues.depth,
         depth_kind: cues.depth_kind,

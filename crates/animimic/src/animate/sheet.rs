@@ -2,7 +2,7 @@
 
 use super::Take;
 use crate::camera::side_views;
-use crate::pictures::{Studio, border_color, resized};
+use crate::pictures::{Studio, border_color};
 use animimic_render::overlay;
 use animimic_scene::{Asset, Camera, Image, Pose};
 use glam::DVec3;
@@ -69,7 +69,7 @@ impl<'a> Stage<'a> {
             overlay::contour(&mut traced, &coverage, OUTLINE);
             self.bones(&mut traced, pose);
             for (row, picture) in [&self.take.video.frames[t], &result, &traced].into_iter().enumerate() {
-                overlay::paste(&mut out, &resized(picture, cell.0, cell.1), column * cell.0, row * cell.1);
+                overlay::paste(&mut out, &picture.resized(cell.0, cell.1), column * cell.0, row * cell.1);
             }
             overlay::text(
                 &mut out,

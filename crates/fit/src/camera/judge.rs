@@ -5,6 +5,7 @@
 //! which sees markings and creases even on plain grey models, whose colours any light explains.
 
 use super::Scene;
+use crate::color::luma;
 use animimic_render::{Light, NONE, Raster, rasterize_surface, shade, solve_light};
 use animimic_scene::Camera;
 
@@ -48,7 +49,6 @@ pub fn verdict(scene: &Scene, camera: &Camera) -> Verdict {
     let (w, h) = (raster.width, raster.height);
     let both = |i: usize| raster.triangle[i] != NONE && scene.mask.coverage[i] >= 128;
     let seen = |i: usize| scene.frame.rgb[i].map(|c| f64::from(c) / 255.0);
-    let luma = |c: [f64; 3]| 0.299 * c[0] + 0.587 * c[1] + 0.114 * c[2];
     let (mut color, mut count) = (0.0, 0usize);
     let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
     for y in 1..h.saturating_sub(1) {

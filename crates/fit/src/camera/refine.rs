@@ -7,8 +7,12 @@
 //! Focal length and distance are nearly exchangeable; a weak pull of φ to where the round began keeps them from drifting.
 
 use super::{Scene, judge};
+use crate::color::{color_distance, luma};
 use crate::robust::Robust;
+use crate::schedule::geometric;
 use crate::stage1::contour::Contour;
+use crate::stage1::sight::drawn_over;
+use animimic_math::small_spd::solve_spd;
 use animimic_render::{NONE, Raster, rasterize_surface, shade};
 use animimic_scene::{Camera, Image};
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -24,8 +28,6 @@ const CONTOUR_POINTS: usize = 400;
 const FLOW_POINTS: usize = 800;
 /// Reach of contour pairs in the first and last round, as a share of the picture's height.
 const REACH: (f64, f64) = (0.08, 0.012);
-/// Cosine between contour normals below which they do not match.
-const NORMAL_AGREEMENT: f64 = 0.5;
 /// Robust threshold in the first and last round, as a share of the picture's height.
 const HUBER: (f64, f64) = (0.02, 0.003);
 /// Pull of φ towards the round's start, as a share of the mean weight.
@@ -50,34 +52,30 @@ struct Pair {
 
 /// Refines on silhouettes alone.
 pub fn by_silhouette(scene: &Scene, camera: &Camera) -> Camera {
-    let mut camera = *camera;
-    for round in 0..SILHOUETTE_ROUNDS {
-        let u = round as f64 / (SILHOUETTE_ROUNDS - 1) as f64;
-        let raster = rasterize_surface(&camera, scene.surface, scene.positions, false);
-        let mut pairs = Vec::new();
-        contour_pairs(scene, &raster, at(REACH, u) * f64::from(camera.height), &mut pairs);
-        camera = solve(&camera, scene.radius, &pairs, at(HUBER, u) * f64::from(camera.height));
-    }
-    camera
+    refined(scene, camera, SILHOUETTE_ROUNDS, 1.0, false)
 }
 
-/// Refines on silhouettes and appearance.
+/// Refines on silhouettes and appearance, from nearer by.
 pub fn with_flow(scene: &Scene, camera: &Camera) -> Camera {
-    let mut camera = *camera;
-    for round in 0..FLOW_ROUNDS {
-        let u = round as f64 / (FLOW_ROUNDS - 1) as f64;
-        let raster = rasterize_surface(&camera, scene.surface, scene.positions, false);
-        let mut pairs = Vec::new();
-        contour_pairs(scene, &raster, at((0.5 * REACH.0, REACH.1), u) * f64::from(camera.height), &mut pairs);
-        flow_pairs(scene, &camera, &raster, &mut pairs);
-        camera = solve(&camera, scene.radius, &pairs, at((0.5 * HUBER.0, HUBER.1), u) * f64::from(camera.height));
-    }
-    camera
+    refined(scene, camera, FLOW_ROUNDS, 0.5, true)
 }
 
-/// Geometric interpolation.
-fn at((first, last): (f64, f64), u: f64) -> f64 {
-    first * (last / first).powf(u)
+/// Draws and solves in turn; `first` is a factor on reach and threshold of the first round.
+fn refined(scene: &Scene, camera: &Camera, rounds: usize, first: f64, appearance: bool) -> Camera {
+    let mut camera = *camera;
+    let height = f64::from(camera.height);
+    for round in 0..rounds {
+        let u = round as f64 / (rounds - 1) as f64;
+        let px = |range: (f64, f64)| geometric((first * range.0, range.1), u) * height;
+        let raster = rasterize_surface(&camera, scene.surface, scene.positions, false);
+        let mut pairs = Vec::new();
+        contour_pairs(scene, &raster, px(REACH), &mut pairs);
+        if appearance {
+            flow_pairs(scene, &camera, &raster, &mut pairs);
+        }
+        camera = solve(&camera, scene.radius, &pairs, px(HUBER));
+    }
+    camera
 }
 
 /// World point at a covered pixel.
@@ -91,19 +89,9 @@ fn surface_point(scene: &Scene, raster: &Raster, pixel: usize) -> DVec3 {
 fn contour_pairs(scene: &Scene, raster: &Raster, reach: f64, pairs: &mut Vec<Pair>) {
     let rendered = Contour::new(&raster.mask());
     let observed = &scene.contour;
-    let step = |n: usize| n / CONTOUR_POINTS + 1;
-    let forward = (0..rendered.points.len())
-        .step_by(step(rendered.points.len()))
-        .filter_map(|r| Some((r, observed.nearest(rendered.points[r])?)));
-    let back = (0..observed.points.len())
-        .step_by(step(observed.points.len()))
-        .filter_map(|o| Some((rendered.nearest(observed.points[o])?, o)));
-    let found: Vec<Pair> = forward
-        .chain(back)
-        .filter(|&(r, o)| {
-            rendered.points[r].distance(observed.points[o]) <= reach
-                && rendered.normals[r].dot(observed.normals[o]) >= NORMAL_AGREEMENT
-        })
+    let found: Vec<Pair> = rendered
+        .pairs(observed, reach, CONTOUR_POINTS)
+        .into_iter()
         .map(|(r, o)| {
             let p = rendered.points[r];
             let point = surface_point(scene, raster, p.y as usize * raster.width + p.x as usize);
@@ -123,12 +111,7 @@ fn append_mean(found: Vec<Pair>, total: f64, pairs: &mut Vec<Pair>) {
 fn flow_pairs(scene: &Scene, camera: &Camera, raster: &Raster, pairs: &mut Vec<Pair>) {
     let light = judge::light(scene, camera, raster);
     let rgb = shade(camera, scene.surface, scene.positions, raster, &light, [0.0; 3], false);
-    let mut drawn: Image = scene.background.clone();
-    for (i, c) in rgb.iter().enumerate() {
-        if raster.triangle[i] != NONE {
-            drawn.rgb[i] = c.map(|v| (v * 255.0 + 0.5) as u8);
-        }
-    }
+    let drawn = drawn_over(scene.background, raster, &rgb);
     let vectors = (scene.flow)(&drawn, scene.frame);
     let (w, h) = (raster.width, raster.height);
     let covered = raster.triangle.iter().filter(|&&t| t != NONE).count();
@@ -149,9 +132,7 @@ fn flow_pairs(scene: &Scene, camera: &Camera, raster: &Raster, pairs: &mut Vec<P
             if scene.mask.coverage[j] < 128 {
                 continue;
             }
-            let difference = (0..3)
-                .map(|c| (f64::from(drawn.rgb[i][c]) - f64::from(scene.frame.rgb[j][c])).abs() / 255.0)
-                .fold(0.0, f64::max);
+            let difference = color_distance(drawn.rgb[i], scene.frame.rgb[j]) / 255.0;
             let slope = steepness(&drawn, x, y);
             let weight = (-(difference / COLOR_SIGMA).powi(2)).exp() * slope;
             let point = surface_point(scene, raster, i);
@@ -164,10 +145,7 @@ fn flow_pairs(scene: &Scene, camera: &Camera, raster: &Raster, pairs: &mut Vec<P
 /// How much there is to follow around a pixel, in [0, 1]: squared luma slope against a noise level.
 fn steepness(image: &Image, x: usize, y: usize) -> f64 {
     const NOISE: f64 = 20.0;
-    let luma = |x: usize, y: usize| {
-        let [r, g, b] = image.at(x, y).map(f64::from);
-        0.299 * r + 0.587 * g + 0.114 * b
-    };
+    let luma = |x: usize, y: usize| luma(image.at(x, y).map(f64::from));
     let (gx, gy) = (luma(x + 2, y) - luma(x - 2, y), luma(x, y + 2) - luma(x, y - 2));
     let e = gx * gx + gy * gy;
     e / (e + NOISE * NOISE)
@@ -231,7 +209,7 @@ fn solve(start: &Camera, unit: f64, pairs: &[Pair], huber_px: f64) -> Camera {
         for _ in 0..6 {
             let mut damped = a;
             (0..N).for_each(|i| damped[i][i] += damping * a[i][i] + 1e-12);
-            let Some(step) = cholesky_solve(damped, b) else { break };
+            let Some(step) = solve_spd(damped, b) else { break };
             let next = moved(&camera, unit, &step);
             let next_focal = focal + step[6];
             let next_e = energy(&next, unit, pairs, robust);
@@ -247,31 +225,6 @@ fn solve(start: &Camera, unit: f64, pairs: &[Pair], huber_px: f64) -> Camera {
         }
     }
     camera
-}
-
-/// Solves a symmetric positive definite system; `None` if it is not.
-fn cholesky_solve(mut a: [[f64; N]; N], mut b: [f64; N]) -> Option<[f64; N]> {
-    for i in 0..N {
-        for j in 0..=i {
-            let dot: f64 = (0..j).map(|k| a[i][k] * a[j][k]).sum();
-            let s = a[i][j] - dot;
-            if i == j {
-                if s.is_nan() || s <= 0.0 {
-                    return None;
-                }
-                a[i][i] = s.sqrt();
-            } else {
-                a[i][j] = s / a[j][j];
-            }
-        }
-        let dot: f64 = (0..i).map(|k| a[i][k] * b[k]).sum();
-        b[i] = (b[i] - dot) / a[i][i];
-    }
-    for i in (0..N).rev() {
-        let dot: f64 = (i + 1..N).map(|k| a[k][i] * b[k]).sum();
-        b[i] = (b[i] - dot) / a[i][i];
-    }
-    Some(b)
 }
 
 #[cfg(test)]

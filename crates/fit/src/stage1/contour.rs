@@ -14,6 +14,8 @@ pub struct Contour {
     nearest: Vec<u32>,
 }
 
+/// Cosine between rendered and observed normals below which they do not match.
+const NORMAL_AGREEMENT: f64 = 0.5;
 /// Radius of the window in which the normal is taken from the coverage's slope [px].
 const NORMAL_RADIUS: isize = 3;
 
@@ -46,6 +48,25 @@ impl Contour {
         let y = (pixel.y.max(0.0) as usize).min(height.saturating_sub(1));
         let i = *self.nearest.get(y * self.width + x)?;
         (i != u32::MAX).then_some(i as usize)
+    }
+
+    /// Pairs of this (rendered) contour's points with an observed one's, nearest ones from here to there and back, about
+    /// `wanted` each way, no farther apart than `reach` [px].
+    pub fn pairs(&self, observed: &Contour, reach: f64, wanted: usize) -> Vec<(usize, usize)> {
+        let step = |n: usize| n / wanted + 1;
+        let there = (0..self.points.len())
+            .step_by(step(self.points.len()))
+            .filter_map(|r| Some((r, observed.nearest(self.points[r])?)));
+        let back = (0..observed.points.len())
+            .step_by(step(observed.points.len()))
+            .filter_map(|o| Some((self.nearest(observed.points[o])?, o)));
+        there.chain(back).filter(|&(r, o)| self.matches(r, observed, o, reach)).collect()
+    }
+
+    /// Whether a point may be the same edge as an observed one: within reach, and facing alike.
+    pub fn matches(&self, r: usize, observed: &Contour, o: usize, reach: f64) -> bool {
+        self.points[r].distance(observed.points[o]) <= reach
+            && self.normals[r].dot(observed.normals[o]) >= NORMAL_AGREEMENT
     }
 }
 

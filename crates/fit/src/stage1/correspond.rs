@@ -3,6 +3,7 @@
 use super::contour::Contour;
 use super::sight::Sight;
 use super::subject::Subject;
+use crate::color::{color_distance, luma};
 use crate::terms::{DepthTarget, PixelTarget};
 use animimic_render::NONE;
 use animimic_rig::Anchor;
@@ -48,11 +49,9 @@ const COLOR_SIGMA: f64 = 30.0;
 /// Structure (summed squared slope of luma in a 5×5 window) at which a direction counts half.
 const TEXTURE_HALF: f64 = 2500.0;
 /// Depth step between neighbours that makes an occlusion edge [rest diagonal].
-const DEPTH_STEP: f64 = 0.02;
+pub(super) const DEPTH_STEP: f64 = 0.02;
 /// Distance to an occlusion edge below which flow is not trusted [px].
 const EDGE_MARGIN: isize = 2;
-/// Cosine between rendered and observed contour normals below which they do not match.
-const NORMAL_AGREEMENT: f64 = 0.5;
 /// Margin around the object when pictures are cut out for the flow [px].
 const CROP_MARGIN: usize = 24;
 
@@ -103,27 +102,13 @@ pub fn by_flow(subject: &Subject, sight: &Sight, frame: &Frame, flow: &Flow, out
 /// observed contour lies outside the rendered one when both show the same [px].
 pub fn by_contour(subject: &Subject, sight: &Sight, frame: &Frame, reach: f64, bias: f64, out: &mut Correspondences) {
     let rendered = Contour::new(&sight.raster.mask());
-    let mut pair = |r: usize, o: usize| {
+    for (r, o) in rendered.pairs(&frame.contour, reach, CONTOUR_POINTS) {
         let (p, q) = (rendered.points[r], frame.contour.points[o]);
-        if p.distance(q) > reach || rendered.normals[r].dot(frame.contour.normals[o]) < NORMAL_AGREEMENT {
-            return;
-        }
         let pixel = p.y as usize * sight.raster.width + p.x as usize;
         let anchor = out.anchors.len() as u32;
         out.anchors.push(sight.anchor(subject, pixel));
         let normal = frame.contour.normals[o];
         out.contour.push(PixelTarget { anchor, pixel: q - normal * bias, weight: 1.0, normal: Some(normal) });
-    };
-    let step = |n: usize| n / CONTOUR_POINTS + 1;
-    for r in (0..rendered.points.len()).step_by(step(rendered.points.len())) {
-        if let Some(o) = frame.contour.nearest(rendered.points[r]) {
-            pair(r, o);
-        }
-    }
-    for o in (0..frame.contour.points.len()).step_by(step(frame.contour.points.len())) {
-        if let Some(r) = rendered.nearest(frame.contour.points[o]) {
-            pair(r, o);
-        }
     }
 }
 
@@ -132,12 +117,11 @@ pub fn by_contour(subject: &Subject, sight: &Sight, frame: &Frame, reach: f64, b
 pub fn contour_bias(sight: &Sight, frame: &Frame) -> f64 {
     let rendered = Contour::new(&sight.raster.mask());
     let (mut sum, mut count) = (0.0, 0);
-    for (p, n) in rendered.points.iter().zip(&rendered.normals) {
+    for (r, p) in rendered.points.iter().enumerate() {
         let Some(o) = frame.contour.nearest(*p) else { continue };
-        let (q, m) = (frame.contour.points[o], frame.contour.normals[o]);
-        if p.distance(q) < BIAS_REACH && n.dot(m) > NORMAL_AGREEMENT {
+        if rendered.matches(r, &frame.contour, o, BIAS_REACH) {
             // Gaps are whole pixels: their median would be too.
-            sum += m.dot(q - *p);
+            sum += frame.contour.normals[o].dot(frame.contour.points[o] - *p);
             count += 1;
         }
     }
@@ -182,10 +166,6 @@ impl Window {
     }
 }
 
-fn color_distance(a: [u8; 3], b: [u8; 3]) -> f64 {
-    (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).abs()).fold(0.0, f64::max)
-}
-
 /// Whether background or another surface is within the margin.
 pub(super) fn near_edge(subject: &Subject, sight: &Sight, x: usize, y: usize) -> bool {
     let raster = &sight.raster;
@@ -207,10 +187,7 @@ pub(super) fn near_edge(subject: &Subject, sight: &Sight, x: usize, y: usize) ->
 
 /// Eigenvectors and eigenvalues of the structure tensor of luma in a 5×5 window.
 fn structure(image: &Image, x: usize, y: usize) -> [(DVec2, f64); 2] {
-    let luma = |x: usize, y: usize| {
-        let [r, g, b] = image.rgb[y * image.width + x].map(f64::from);
-        0.299 * r + 0.587 * g + 0.114 * b
-    };
+    let luma = |x: usize, y: usize| luma(image.at(x, y).map(f64::from));
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
     for py in y.saturating_sub(2).max(1)..(y + 3).min(image.height - 1) {
         for px in x.saturating_sub(2).max(1)..(x + 3).min(image.width - 1) {

@@ -3,7 +3,7 @@
 //! A track belongs to the surface point that its pixel hits in its query frame: the rest pose for frame 0, the solved pose for
 //! later ones. Its depth, and that of every point found by flow, is read from the depth map at the pixel where it is now.
 
-use super::correspond::{Correspondences, near_edge};
+use super::correspond::{Correspondences, DEPTH_STEP, near_edge};
 use super::sight::Sight;
 use super::subject::Subject;
 use crate::terms::{DepthTarget, PixelTarget};
@@ -16,8 +16,6 @@ use std::sync::OnceLock;
 const ENOUGH_POINTS: usize = 100;
 /// Standard deviation that given depth is taken to have [rest diagonal].
 const DEPTH_SIGMA: f64 = 0.003;
-/// Neighbouring depths farther apart than this belong to different surfaces [rest diagonal].
-const DEPTH_STEP: f64 = 0.02;
 /// How far outside a triangle a pixel of it may come to lie, in barycentric coordinates: pixels hit triangles at their centres.
 const OVERHANG: f64 = 0.5;
 

@@ -27,6 +27,7 @@ use contour::Contour;
 use correspond::{Flow, Frame, contour_bias};
 use given::Given;
 use rayon::prelude::*;
+use search::mismatch;
 pub use settings::Settings;
 use sight::{Sight, Studio};
 use solve::Stage;
@@ -92,9 +93,8 @@ pub fn fit(
     let stage = stage(input, &subject, &light, settings);
     let guesses: &[f64] = if stage.guesses_matter() { &[1.0, stage.settings.final_priors] } else { &[1.0] };
     let mut best: Option<Refined> = None;
-    let usual = stage.mismatch(&subject.tree.kinematics.rest(), 0);
     for (k, &guesses_weight) in guesses.iter().enumerate() {
-        if best.as_ref().is_some_and(|b| b.unlike() < GOOD * usual) {
+        if best.as_ref().is_some_and(|b| b.unlike() < GOOD * stage.usual_mismatch) {
             break;
         }
         let mut share = |done: f64| progress((k as f64 + done) / guesses.len() as f64);
@@ -199,6 +199,7 @@ pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, 
     let studio = Studio { camera: input.camera, light };
     let first = Sight::draw(subject, &studio, frames[0].background, &subject.tree.kinematics.rest());
     let contour_bias_px = contour_bias(&first, &frames[0]);
+    let usual_mismatch = mismatch(&first, frames[0].image, frames[0].mask);
     let given = Given::new(input.tracks, input.depth, input.depth_kind, subject, input.camera, &first);
-    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px }
+    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px, usual_mismatch }
 }

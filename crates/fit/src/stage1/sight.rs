@@ -31,13 +31,7 @@ impl Sight {
         let positions = subject.skinned(&posed);
         let raster = rasterize_surface(studio.camera, &subject.surface, &positions, false);
         let rgb = shade(studio.camera, &subject.surface, &positions, &raster, studio.light, [0.0; 3], false);
-        let mut image = background.clone();
-        for (pixel, color) in rgb.iter().enumerate() {
-            if raster.triangle[pixel] != NONE {
-                image.rgb[pixel] = color.map(|c| (c * 255.0 + 0.5) as u8);
-            }
-        }
-        Self { posed, raster, image }
+        Self { posed, image: drawn_over(background, &raster, &rgb), raster }
     }
 
     /// The surface point seen at a covered pixel.
@@ -46,4 +40,15 @@ impl Sight {
         let weights = self.raster.weights(pixel).map(f64::from);
         Anchor::blend(corners.map(|v| &subject.vertices[v as usize]), weights)
     }
+}
+
+/// Shaded pixels where the raster is covered, the background elsewhere.
+pub(crate) fn drawn_over(background: &Image, raster: &Raster, rgb: &[[f32; 3]]) -> Image {
+    let mut image = background.clone();
+    for (pixel, color) in rgb.iter().enumerate() {
+        if raster.triangle[pixel] != NONE {
+            image.rgb[pixel] = color.map(|c| (c * 255.0 + 0.5) as u8);
+        }
+    }
+    image
 }

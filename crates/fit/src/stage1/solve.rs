@@ -7,6 +7,7 @@ use super::settings::Settings;
 use super::sight::{Sight, Studio};
 use super::subject::Subject;
 use crate::robust::Robust;
+use crate::schedule::geometric;
 use crate::solver::{Options, Problem, Smoothness, solve};
 use crate::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, Penetration, Pixels};
 use animimic_rig::{AnchorColumns, FramePose};
@@ -30,6 +31,8 @@ pub struct Stage<'a> {
     pub settings: Settings,
     /// How far the masks' contours lie outside the rendered ones where both show the same [px]; see [`contour_bias`].
     pub contour_bias_px: f64,
+    /// Mismatch of the rest pose in frame 0: what light, compression and the mask's edge leave of a perfect pose.
+    pub usual_mismatch: f64,
 }
 
 impl Stage<'_> {
@@ -98,10 +101,8 @@ impl Stage<'_> {
         }
         let columns: Vec<AnchorColumns> = anchors.par_iter().map(|a| a.columns(kinematics)).collect();
         let priors = self.priors(strength);
-        let penetration = Penetration {
-            pairs: self.subject.balls.pairs.clone(),
-            weight: s.penetration / self.subject.diagonal.powi(2),
-        };
+        let penetration =
+            Penetration { pairs: &self.subject.balls.pairs, weight: s.penetration / self.subject.diagonal.powi(2) };
         let smoothness = self.smoothness(strength.smoothness);
         let problem = Problem {
             context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
@@ -164,23 +165,11 @@ impl Stage<'_> {
     /// Draws and solves one frame in turn, from far to near.
     pub(super) fn settle(&self, poses: &mut [FramePose], t: usize, guesses: f64) {
         for round in 0..self.settings.rounds {
-            let (huber, reach) =
-                (self.at_round(self.settings.huber_px, round), self.at_round(self.settings.reach_px, round));
-            let found = self.correspond(&poses[t], t, reach);
-            self.solve(
-                poses,
-                t..t + 1,
-                &[found],
-                Strength { huber_px: huber, priors: 1.0, smoothness: 1.0, guesses },
-                6,
-            );
+            let u = round as f64 / (self.settings.rounds - 1).max(1) as f64;
+            let found = self.correspond(&poses[t], t, geometric(self.settings.reach_px, u));
+            let huber_px = geometric(self.settings.huber_px, u);
+            self.solve(poses, t..t + 1, &[found], Strength { huber_px, priors: 1.0, smoothness: 1.0, guesses }, 6);
         }
-    }
-
-    /// Geometric interpolation from a round's first to its last value.
-    fn at_round(&self, (first, last): (f64, f64), round: usize) -> f64 {
-        let u = round as f64 / (self.settings.rounds - 1).max(1) as f64;
-        first * (last / first).powf(u)
     }
 
     /// The last pose, or the last pose moved on at the last velocity, whichever looks more like the frame.
@@ -229,10 +218,10 @@ impl Stage<'_> {
         let u = (round + 1) as f64 / rounds as f64;
         let s = &self.settings;
         Strength {
-            huber_px: s.huber_px.1 * (s.final_huber_px / s.huber_px.1).powf(u),
-            priors: s.final_priors.powf(u),
-            smoothness: s.final_smoothness.powf(u),
-            guesses: guesses * (s.final_priors / guesses).powf(u),
+            huber_px: geometric((s.huber_px.1, s.final_huber_px), u),
+            priors: geometric((1.0, s.final_priors), u),
+            smoothness: geometric((1.0, s.final_smoothness), u),
+            guesses: geometric((guesses, s.final_priors), u),
         }
     }
 }

@@ -40,16 +40,15 @@ impl Stage<'_> {
         progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
     ) -> Result<Vec<FramePose>, FitError> {
         let rest = self.subject.tree.kinematics.rest();
-        let usual = self.mismatch(&rest, 0);
         let mut beam = vec![Story { poses: vec![rest], cost: 0.0 }];
         for t in 1..self.frames.len() {
             let mut next = Vec::new();
             for (rank, story) in beam.iter().enumerate() {
-                next.extend(self.continued(story, t, guesses, usual, rank < SWINGING));
+                next.extend(self.continued(story, t, guesses, rank < SWINGING));
             }
             next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             beam.clear();
-            let limit = next[0].cost + GIVE_UP * usual;
+            let limit = next[0].cost + GIVE_UP * self.usual_mismatch;
             for story in next {
                 if beam.len() < BEAM && story.cost <= limit && beam.iter().all(|b| self.distance(b, &story) > SAME) {
                     beam.push(story);
@@ -66,7 +65,7 @@ impl Stage<'_> {
     }
 
     /// A story with one frame more: as predicted, and with limbs swung where that looks wrong.
-    fn continued(&self, story: &Story, t: usize, guesses: f64, usual: f64, swing: bool) -> Vec<Story> {
+    fn continued(&self, story: &Story, t: usize, guesses: f64, swing: bool) -> Vec<Story> {
         let settled = |start: FramePose| {
             let mut poses = story.poses.clone();
             poses.push(start);
@@ -75,7 +74,7 @@ impl Stage<'_> {
             (Story { poses, cost: story.cost + unlike }, unlike)
         };
         let (straight, unlike) = settled(self.predict(&story.poses, t));
-        if !swing || unlike <= usual * self.settings.search_above {
+        if !swing || unlike <= self.usual_mismatch * self.settings.search_above {
             return vec![straight];
         }
         let small = Small::new(&self.frames[t], self.studio.camera);

@@ -17,42 +17,45 @@ pub struct BallPair {
 
 /// All pairs, the same in every frame.
 #[derive(Clone, Debug)]
-pub struct Penetration {
+pub struct Penetration<'a> {
     /// Pairs.
-    pub pairs: Vec<BallPair>,
+    pub pairs: &'a [BallPair],
     /// Stiffness k [1/model unit²].
     pub weight: f64,
 }
 
-impl Penetration {
-    /// Unit direction from b to a and the overlap, where there is one.
-    fn overlap(&self, pair: &BallPair, context: &Context, at: &At) -> Option<(DVec3, f64)> {
-        let [a, b] = pair.anchors.map(|i| context.anchors[i as usize].position(at.posed));
-        let overlap = pair.clearance - a.distance(b);
-        // Coincident centres have no direction to part in; the other balls of the two parts do.
-        (overlap > 0.0).then(|| (a - b).try_normalize()).flatten().map(|u| (u, overlap))
+impl Penetration<'_> {
+    /// Pairs that overlap: unit direction from the second to the first centre, and by how much.
+    fn overlaps<'a>(&'a self, context: &Context, at: &At) -> impl Iterator<Item = (&'a BallPair, DVec3, f64)> + 'a {
+        // A ball is in many pairs: each centre once.
+        let count = self.pairs.iter().flat_map(|p| p.anchors).max().map_or(0, |last| last as usize + 1);
+        let centers: Vec<DVec3> = context.anchors[..count].iter().map(|a| a.position(at.posed)).collect();
+        self.pairs.iter().filter_map(move |pair| {
+            let [a, b] = pair.anchors.map(|i| centers[i as usize]);
+            let overlap = pair.clearance - a.distance(b);
+            // Coincident centres have no direction to part in; the other balls of the two parts do.
+            let apart = (overlap > 0.0).then(|| (a - b).try_normalize()).flatten();
+            apart.map(|u| (pair, u, overlap))
+        })
     }
 }
 
-impl Term for Penetration {
+impl Term for Penetration<'_> {
     fn name(&self) -> &'static str {
         "penetration"
     }
 
     fn energy(&self, context: &Context, at: &At) -> f64 {
-        let overlaps = self.pairs.iter().filter_map(|p| self.overlap(p, context, at));
-        self.weight * overlaps.map(|(_, overlap)| overlap * overlap).sum::<f64>()
+        self.weight * self.overlaps(context, at).map(|(_, _, overlap)| overlap * overlap).sum::<f64>()
     }
 
     fn linearize(&self, context: &Context, at: &At, normal: &mut NormalEquations) {
-        for pair in &self.pairs {
-            let Some((u, overlap)) = self.overlap(pair, context, at) else { continue };
+        for (pair, u, overlap) in self.overlaps(context, at) {
             let mut row = Vec::new();
             for (anchor, direction) in pair.anchors.into_iter().zip([-u, u]) {
                 let i = anchor as usize;
-                let mut part = Vec::new();
-                context.anchors[i].push_row(&context.columns[i], context.kinematics, at.posed, direction, &mut part);
-                row.extend(part);
+                let (anchor, columns) = (&context.anchors[i], &context.columns[i]);
+                anchor.push_row(columns, context.kinematics, at.posed, direction, &mut row);
             }
             normal.add_row(&merged(row), overlap, self.weight);
         }

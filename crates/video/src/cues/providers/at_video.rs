@@ -1,7 +1,7 @@
 //! Cues of the source's frames and size, at those of the video as it was read.
 
 use crate::error::{Result, VideoError};
-use animimic_scene::{Image, Mask, Tracks, Video};
+use animimic_scene::{Tracks, Video};
 use std::path::Path;
 
 /// Which of `n` given frames belong to the frames of a video: all in turn, or those with the source's numbers.
@@ -24,31 +24,12 @@ pub fn resized_tracks(tracks: &Tracks, from: (usize, usize), to: (usize, usize))
     Tracks { pixels: tracks.pixels.iter().map(row).collect(), ..tracks.clone() }
 }
 
-/// The mask at the size of a picture: by averages (shrinking) or repetition (enlarging).
-pub(super) fn at_size(mask: &Mask, like: &Image) -> Mask {
-    let (w, h) = (like.width, like.height);
-    if (mask.width, mask.height) == (w, h) {
-        return mask.clone();
-    }
-    let span = |i: usize, n: usize, m: usize| (i * m / n, ((i + 1) * m).div_ceil(n).max(i * m / n + 1).min(m));
-    let mut coverage = Vec::with_capacity(w * h);
-    for y in 0..h {
-        let (y0, y1) = span(y, h, mask.height);
-        for x in 0..w {
-            let (x0, x1) = span(x, w, mask.width);
-            let rows = (y0..y1).flat_map(|v| &mask.coverage[v * mask.width + x0..v * mask.width + x1]);
-            let n = ((y1 - y0) * (x1 - x0)) as u32;
-            coverage.push(((rows.map(|&c| u32::from(c)).sum::<u32>() + n / 2) / n) as u8);
-        }
-    }
-    Mask { width: w, height: h, coverage }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::{Found, MaskFiles, Provider, Sources};
     use super::*;
     use crate::cues::write_masks;
+    use animimic_scene::{Image, Mask};
 
     #[test]
     fn masks_are_picked_by_source_frame_and_scaled_to_the_video() {

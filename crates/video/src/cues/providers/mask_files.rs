@@ -1,4 +1,4 @@
-use super::at_video::{at_size, picked};
+use super::at_video::picked;
 use super::{Found, Provider, Sources};
 use crate::cues::read_masks;
 use crate::error::Result;
@@ -19,7 +19,8 @@ impl Provider for MaskFiles {
         let path = sources.need_file(self)?;
         let masks = read_masks(path)?;
         let numbers = picked(sources.video, path, masks.len(), "masks")?;
-        found.cues.masks = numbers.into_iter().map(|k| at_size(&masks[k], &sources.video.frames[0])).collect();
+        let like = &sources.video.frames[0];
+        found.cues.masks = numbers.into_iter().map(|k| masks[k].resized(like.width, like.height)).collect();
         Ok(())
     }
 }
