@@ -57,6 +57,12 @@ impl Anchor {
         }))
     }
 
+    /// The anchor times a factor: how it moves counts that much.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let times = |s: &Share| Share { weight: s.weight * factor, weighted_rest: s.weighted_rest * factor, ..*s };
+        Self { shares: self.shares.iter().map(times).collect() }
+    }
+
     fn merged(shares: impl Iterator<Item = Share>) -> Self {
         let mut all: Vec<Share> = shares.collect();
         all.sort_by_key(|s| s.joint);

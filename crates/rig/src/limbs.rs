@@ -14,6 +14,8 @@ pub struct Limb {
     pub joints: Vec<usize>,
     /// Those of `joints` that carry a bone long enough to be seen turning.
     pub levers: Vec<usize>,
+    /// Where the last bone ends at rest [model unit].
+    pub tip: DVec3,
     /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one without a partner.
     pub hinge: Option<DVec3>,
 }
@@ -49,7 +51,7 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
             continue;
         }
         let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal);
-        limbs.push(Limb { joints, levers, hinge });
+        limbs.push(Limb { joints, levers, tip: ends[ends.len() - 1], hinge });
     }
     let paired: Vec<bool> = (0..limbs.len()).map(|i| has_partner(kinematics, &limbs, &reach, i, diagonal)).collect();
     for (limb, paired) in limbs.iter_mut().zip(paired) {

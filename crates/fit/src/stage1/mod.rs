@@ -5,13 +5,17 @@
 //!    drawn points are in the frame, solve for the pose (Levenberg–Marquardt on SO(3)ᴶ), draw again; several hypotheses are
 //!    carried on where limbs may be taken for each other.
 //! 3. All frames together ([`solve::Stage::refine`]), coupled by smoothness over time; priors step back round by round.
+//! 4. Limbs that may lean the other way are mirrored where the frames then look better ([`flips`]).
+//! 5. All frames together at full strength, each point as smooth as itself ([`solve::Stage::finish`], [`liveliness`]).
 //!
 //! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
 pub mod balls;
 pub mod contour;
 pub mod correspond;
+pub mod flips;
 pub mod given;
+pub mod liveliness;
 pub mod search;
 pub mod settings;
 pub mod sight;
@@ -91,20 +95,15 @@ pub fn fit(
     let subject = Subject::new(input.asset)?;
     let light = first_light(input, &subject)?;
     let stage = stage(input, &subject, &light, settings);
-    let guesses: &[f64] = if stage.guesses_matter() { &[1.0, stage.settings.final_priors] } else { &[1.0] };
-    let mut best: Option<Refined> = None;
-    for (k, &guesses_weight) in guesses.iter().enumerate() {
-        if best.as_ref().is_some_and(|b| b.unlike() < GOOD * stage.usual_mismatch) {
-            break;
-        }
-        let mut share = |done: f64| progress((k as f64 + done) / guesses.len() as f64);
-        let refined = refined(&stage, guesses_weight, &mut share)?;
-        // What the rig suggests is given up only where the frames clearly speak against it.
-        if best.as_ref().is_none_or(|b| refined.unlike() * PLAUSIBLE < b.unlike()) {
-            best = Some(refined);
-        }
+    let mut frames = best_hypothesis(&stage, progress)?;
+    let rounds = stage.settings.final_rounds;
+    stage.finish(&mut frames, rounds / 2);
+    stage.flip_limbs(&mut frames);
+    let energies = stage.finish(&mut frames, rounds - rounds / 2);
+    if progress(1.0).is_break() {
+        return Err(FitError::Stopped);
     }
-    let Refined { frames, energies, mismatch } = best.expect("one hypothesis at least");
+    let mismatch = stage.mismatches(&frames);
     let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
     Ok(Outcome { motion: Motion { name: name.into(), fps, poses }, frames, energies, mismatch })
 }
@@ -115,30 +114,28 @@ const PLAUSIBLE: f64 = 1.1;
 /// A motion whose frames look this many times as unlike as frame 0, on average, needs no other hypothesis.
 const GOOD: f64 = 1.1;
 
-/// A motion after joint refinement.
-struct Refined {
-    frames: Vec<FramePose>,
-    energies: Vec<f64>,
-    mismatch: Vec<f64>,
-}
-
-impl Refined {
-    fn unlike(&self) -> f64 {
-        self.mismatch.iter().sum::<f64>() / self.mismatch.len() as f64
-    }
-}
-
-/// Tracks and refines with what the rig suggests weighed by `guesses`.
-fn refined(stage: &Stage, guesses: f64, progress: &mut Progress) -> Result<Refined, FitError> {
+/// Tracks and refines with and, where the frames ask for it, without what the rig suggests; returns what they speak for.
+fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePose>, FitError> {
+    let guesses: &[f64] = if stage.guesses_matter() { &[1.0, stage.settings.final_priors] } else { &[1.0] };
     let count = stage.frames.len();
-    let mut frames = stage.track(guesses, &mut |t| progress(TRACKING_SHARE * t as f64 / count as f64))?;
-    let rounds = stage.settings.batch_rounds;
-    let energies = stage.refine(&mut frames, rounds, guesses);
-    if progress(1.0).is_break() {
-        return Err(FitError::Stopped);
+    let mut best: Option<(f64, Vec<FramePose>)> = None;
+    for (k, &weight) in guesses.iter().enumerate() {
+        if best.as_ref().is_some_and(|b| b.0 < GOOD * stage.usual_mismatch) {
+            break;
+        }
+        let mut tracked = |t: usize| {
+            let done = TRACKING_SHARE * t as f64 / count as f64;
+            progress((k as f64 + done) / guesses.len() as f64)
+        };
+        let mut frames = stage.track(weight, &mut tracked)?;
+        stage.refine(&mut frames, weight);
+        let unlike = stage.mismatches(&frames).iter().sum::<f64>() / count as f64;
+        // What the rig suggests is given up only where the frames clearly speak against it.
+        if best.as_ref().is_none_or(|b| unlike * PLAUSIBLE < b.0) {
+            best = Some((unlike, frames));
+        }
     }
-    let mismatch = (0..count).into_par_iter().map(|t| stage.mismatch(&frames[t], t)).collect();
-    Ok(Refined { frames, energies, mismatch })
+    Ok(best.expect("one hypothesis at least").1)
 }
 
 fn check(input: &Input) -> Result<(), FitError> {

@@ -73,7 +73,8 @@ impl Small {
         }
     }
 
-    fn score(&self, subject: &Subject, studio: &Studio, pose: &FramePose) -> f64 {
+    /// How unlike the reduced frame a pose looks, in [0, 1].
+    pub fn score(&self, subject: &Subject, studio: &Studio, pose: &FramePose) -> f64 {
         let studio = Studio { camera: &self.camera, ..*studio };
         mismatch(&Sight::draw(subject, &studio, &self.background, pose), &self.image, &self.mask)
     }

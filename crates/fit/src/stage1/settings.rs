@@ -53,8 +53,16 @@ pub struct Settings {
     pub final_smoothness: f64,
     /// Huber threshold at the end of refinement [px].
     pub final_huber_px: f64,
-    /// Rounds of drawing and solving all frames together.
+    /// Factor on appearance at the end of refinement: by then it is true to a few hundredths of a pixel.
+    pub final_flow: f64,
+    /// Second differences of a point against their own mean square; see [`super::liveliness`].
+    pub lively_acceleration: f64,
+    /// First differences, at the same scale.
+    pub lively_velocity: f64,
+    /// Rounds of drawing and solving all frames together in which priors step back.
     pub batch_rounds: usize,
+    /// Rounds after that, at the final strength and with each point's own smoothness.
+    pub final_rounds: usize,
 }
 
 impl Default for Settings {
@@ -84,7 +92,11 @@ impl Default for Settings {
             final_priors: 0.02,
             final_smoothness: 0.2,
             final_huber_px: 0.5,
-            batch_rounds: 6,
+            final_flow: 5.0,
+            lively_acceleration: 4.0,
+            lively_velocity: 0.01,
+            batch_rounds: 4,
+            final_rounds: 6,
         }
     }
 }

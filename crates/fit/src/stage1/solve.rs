@@ -66,8 +66,11 @@ impl Stage<'_> {
         let huber_px = strength.huber_px;
         let kinematics = &self.subject.tree.kinematics;
         let mut anchors = self.subject.balls.anchors.clone();
-        let mut flow =
-            Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
+        let mut flow = Pixels {
+            targets: vec![Vec::new(); poses.len()],
+            robust: Robust::Huber(huber_px),
+            weight: s.flow * strength.flow,
+        };
         let mut contour =
             Pixels { weight: s.contour, robust: Robust::Huber(huber_px.max(CONTOUR_HUBER_PX)), ..flow.clone() };
         let mut tracks = Pixels { weight: s.tracks, ..flow.clone() };
@@ -103,7 +106,7 @@ impl Stage<'_> {
         let priors = self.priors(strength);
         let penetration =
             Penetration { pairs: &self.subject.balls.pairs, weight: s.penetration / self.subject.diagonal.powi(2) };
-        let smoothness = self.smoothness(strength.smoothness);
+        let smoothness = self.smoothing(poses, strength.smoothing);
         let problem = Problem {
             context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
             terms: vec![&flow, &contour, &tracks, &depth, &priors, &penetration],
@@ -111,6 +114,14 @@ impl Stage<'_> {
         };
         let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
         solve(&problem, poses, active, &options).energies
+    }
+
+    fn smoothing(&self, poses: &[FramePose], smoothing: Smoothing) -> Smoothness {
+        let own = match smoothing {
+            Smoothing::Uniform(factor) => return self.smoothness(factor),
+            Smoothing::Lively => self.lively_smoothness(poses),
+        };
+        own.unwrap_or_else(|| self.smoothness(self.settings.final_smoothness))
     }
 
     fn smoothness(&self, scale: f64) -> Smoothness {
@@ -168,7 +179,8 @@ impl Stage<'_> {
             let u = round as f64 / (self.settings.rounds - 1).max(1) as f64;
             let found = self.correspond(&poses[t], t, geometric(self.settings.reach_px, u));
             let huber_px = geometric(self.settings.huber_px, u);
-            self.solve(poses, t..t + 1, &[found], Strength { huber_px, priors: 1.0, smoothness: 1.0, guesses }, 6);
+            let smoothing = Smoothing::Uniform(1.0);
+            self.solve(poses, t..t + 1, &[found], Strength { huber_px, priors: 1.0, smoothing, guesses, flow: 1.0 }, 6);
         }
     }
 
@@ -197,31 +209,57 @@ impl Stage<'_> {
         mismatch(&self.draw(pose, t), self.frames[t].image, self.frames[t].mask)
     }
 
+    /// How unlike the video each frame looks, in [0, 1].
+    pub fn mismatches(&self, poses: &[FramePose]) -> Vec<f64> {
+        poses.par_iter().enumerate().map(|(t, pose)| self.mismatch(pose, t)).collect()
+    }
+
     /// Refines all frames together: redraw every frame, solve jointly; round by round the priors step back behind what is
     /// seen. Returns the energies of the last solve.
-    pub fn refine(&self, poses: &mut [FramePose], rounds: usize, guesses: f64) -> Vec<f64> {
+    pub fn refine(&self, poses: &mut [FramePose], guesses: f64) -> Vec<f64> {
+        let rounds = self.settings.batch_rounds;
         let mut energies = Vec::new();
         for round in 0..rounds {
-            energies = self.refine_once(poses, self.strength(round, rounds, guesses));
+            energies = self.refine_once(poses, self.strength((round + 1) as f64 / rounds as f64, guesses));
         }
         energies
     }
 
-    /// One round of [`Self::refine`].
-    pub fn refine_once(&self, poses: &mut [FramePose], strength: Strength) -> Vec<f64> {
-        let found: Vec<Correspondences> =
-            (0..poses.len()).into_par_iter().map(|t| self.correspond(&poses[t], t, self.settings.reach_px.1)).collect();
-        self.solve(poses, 0..poses.len(), &found, strength, 8)
+    /// Further rounds at the final strength, each point as smooth as itself. Returns the energies of the last solve.
+    pub fn finish(&self, poses: &mut [FramePose], rounds: usize) -> Vec<f64> {
+        let strength = Strength { smoothing: Smoothing::Lively, ..self.final_strength() };
+        let mut energies = Vec::new();
+        for _ in 0..rounds {
+            energies = self.refine_once(poses, strength);
+        }
+        energies
     }
 
-    fn strength(&self, round: usize, rounds: usize, guesses: f64) -> Strength {
-        let u = (round + 1) as f64 / rounds as f64;
+    /// One round of drawing every frame and solving all of them.
+    pub fn refine_once(&self, poses: &mut [FramePose], strength: Strength) -> Vec<f64> {
+        let all = 0..poses.len();
+        self.solve(poses, all.clone(), &self.correspond_all(poses, all), strength, 8)
+    }
+
+    /// Correspondences of some frames, at the closest reach.
+    pub(super) fn correspond_all(&self, poses: &[FramePose], frames: Range<usize>) -> Vec<Correspondences> {
+        frames.into_par_iter().map(|t| self.correspond(&poses[t], t, self.settings.reach_px.1)).collect()
+    }
+
+    /// Strength at the end of refinement.
+    pub(super) fn final_strength(&self) -> Strength {
+        self.strength(1.0, self.settings.final_priors)
+    }
+
+    /// Strength at a share `u` of refinement.
+    fn strength(&self, u: f64, guesses: f64) -> Strength {
         let s = &self.settings;
         Strength {
             huber_px: geometric((s.huber_px.1, s.final_huber_px), u),
             priors: geometric((1.0, s.final_priors), u),
-            smoothness: geometric((1.0, s.final_smoothness), u),
+            smoothing: Smoothing::Uniform(geometric((1.0, s.final_smoothness), u)),
             guesses: geometric((guesses, s.final_priors), u),
+            flow: geometric((1.0, s.final_flow), u),
         }
     }
 }
@@ -233,10 +271,21 @@ pub struct Strength {
     pub huber_px: f64,
     /// Factor on the pull towards rest.
     pub priors: f64,
-    /// Factor on smoothness over time.
-    pub smoothness: f64,
+    /// Smoothness over time.
+    pub smoothing: Smoothing,
     /// Factor on what is guessed from the rig: hinges, and a root that does not slide sideways.
     pub guesses: f64,
+    /// Factor on appearance.
+    pub flow: f64,
+}
+
+/// How smoothness over time is weighed.
+#[derive(Clone, Copy, Debug)]
+pub enum Smoothing {
+    /// Alike for all points, with a factor.
+    Uniform(f64),
+    /// Each point against its own liveliness so far.
+    Lively,
 }
 
 /// Contours are whole pixels: residuals below this are rounding, which only their mean sees through [px].

@@ -1,0 +1,62 @@
+//! Smoothness measured against how lively each point is.
+//!
+//! How fast things move differs by a hundred times between videos, and between a paw and the belly it hangs from. What a point
+//! does across the view is seen well; that it does no more along the view, and no more from frame to frame than on average, is
+//! the most that can be said about it beforehand. So each point's accelerations are weighed by the inverse of their own mean
+//! square across the view, estimated from the motion found so far (an empirical prior, Robbins 1956), and alike in all directions.
+
+use super::solve::Stage;
+use crate::smoothness::Smoothness;
+use animimic_rig::smoothness::pseudo_anchors;
+use animimic_rig::{Anchor, FramePose};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Accelerations below this are noise of what is seen [rest diagonal / frame²].
+const NOISE: f64 = 3e-4;
+
+/// A point's mean squares per direction across the view.
+#[derive(Clone, Copy, Default)]
+struct Liveliness {
+    /// First differences [model unit²].
+    velocity: f64,
+    /// Second differences [model unit²].
+    acceleration: f64,
+}
+
+impl Stage<'_> {
+    /// Smoothness that weighs each vertex by its own liveliness in `poses`; `None` for a video too short to tell.
+    pub(super) fn lively_smoothness(&self, poses: &[FramePose]) -> Option<Smoothness> {
+        if poses.len() < 3 {
+            return None;
+        }
+        let posed: Vec<_> = poses.iter().map(|p| self.subject.posed(p)).collect();
+        let noise = NOISE * self.subject.diagonal;
+        let lively: Vec<Liveliness> = self
+            .subject
+            .vertices
+            .par_iter()
+            .map(|a| self.liveliness(&posed.iter().map(|p| a.position(p)).collect::<Vec<_>>()))
+            .collect();
+        let weighed = |(a, l): (&Anchor, &Liveliness)| a.scaled(1.0 / (l.acceleration + noise * noise).sqrt());
+        let weighed: Vec<Anchor> = self.subject.vertices.iter().zip(&lively).map(weighed).collect();
+        let sum = |f: fn(&Liveliness) -> f64| lively.iter().map(f).sum::<f64>();
+        let pace = sum(|l| l.acceleration) / sum(|l| l.velocity).max(noise * noise);
+        Some(Smoothness {
+            anchors: pseudo_anchors(&weighed, self.subject.tree.kinematics.len()),
+            velocity: self.settings.lively_velocity * pace,
+            acceleration: self.settings.lively_acceleration,
+            basis: DVec3::AXES,
+        })
+    }
+
+    fn liveliness(&self, path: &[DVec3]) -> Liveliness {
+        let view = self.studio.camera.view_from_world.matrix3;
+        let across = |d: DVec3| (view * d).truncate().length_squared() / 2.0;
+        let mean = |n: usize, f: &dyn Fn(usize) -> DVec3| (0..n).map(|t| across(f(t))).sum::<f64>() / n as f64;
+        Liveliness {
+            velocity: mean(path.len() - 1, &|t| path[t + 1] - path[t]),
+            acceleration: mean(path.len() - 2, &|t| path[t + 2] - 2.0 * path[t + 1] + path[t]),
+        }
+    }
+}
