@@ -7,6 +7,7 @@ pub mod camera;
 mod color;
 mod error;
 pub mod normal;
+pub mod rendered;
 pub mod robust;
 mod schedule;
 pub mod smoothness;
