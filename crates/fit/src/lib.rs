@@ -7,6 +7,9 @@ pub mod camera;
 mod color;
 mod error;
 pub mod normal;
+mod presets;
+pub mod quasi_newton;
+pub mod reference;
 pub mod rendered;
 pub mod robust;
 mod schedule;
@@ -17,3 +20,4 @@ pub mod terms;
 pub mod view;
 
 pub use error::FitError;
+pub use presets::Preset;

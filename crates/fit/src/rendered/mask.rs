@@ -7,6 +7,13 @@ use animimic_render::Rendered;
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaskLoss(pub Levels);
 
+/// Cells of 2, 4 and 8 pixels; residuals below 0.3 count squared: edges of masks are that uncertain.
+impl Default for MaskLoss {
+    fn default() -> Self {
+        Self(Levels { count: 3, softness: 0.3 })
+    }
+}
+
 impl PictureLoss for MaskLoss {
     fn name(&self) -> &'static str {
         "mask"

@@ -10,6 +10,13 @@ use animimic_render::Rendered;
 #[derive(Clone, Debug, PartialEq)]
 pub struct RgbLoss(pub Levels);
 
+/// Cells of 2, 4 and 8 pixels; residuals below 0.05 count squared: compression and noise.
+impl Default for RgbLoss {
+    fn default() -> Self {
+        Self(Levels { count: 3, softness: 0.05 })
+    }
+}
+
 impl PictureLoss for RgbLoss {
     fn name(&self) -> &'static str {
         "rgb"

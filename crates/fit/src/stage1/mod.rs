@@ -6,12 +6,15 @@
 //!    carried on where limbs may be taken for each other.
 //! 3. All frames together ([`solve::Stage::refine`]), coupled by smoothness over time; priors step back round by round.
 //!
+//! 4. The polish ([`polish`]): all terms with rendered colour and silhouette.
+//!
 //! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
 pub mod balls;
 pub mod contour;
 pub mod correspond;
 pub mod given;
+pub mod polish;
 pub mod search;
 pub mod settings;
 pub mod sight;
@@ -26,6 +29,7 @@ use animimic_scene::{Asset, Camera, DepthKind, DepthMap, Image, Mask, Motion, Tr
 use contour::Contour;
 use correspond::{Flow, Frame, contour_bias};
 use given::Given;
+pub use polish::Curve;
 use rayon::prelude::*;
 use search::mismatch;
 pub use settings::Settings;
@@ -66,15 +70,40 @@ pub struct Outcome {
     pub motion: Motion,
     /// Energy after each step of the final joint solve.
     pub energies: Vec<f64>,
+    /// Energy of each term after each step of the polish.
+    pub curves: Vec<Curve>,
     /// How unlike the video each frame looks, in [0, 1].
     pub mismatch: Vec<f64>,
 }
 
-/// How far the fit has come, in [0, 1]; `Break` stops it.
-pub type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
+/// What the fit is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Frame by frame.
+    Track,
+    /// All frames together, redrawn round by round.
+    Refine,
+    /// All frames together, with rendered losses.
+    Polish,
+}
 
-/// Share of the time that tracking takes, for the progress bar.
+impl Phase {
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::Track => "tracking",
+            Phase::Refine => "refinement",
+            Phase::Polish => "polish",
+        }
+    }
+}
+
+/// What goes on from now, and how far the fit has come, in [0, 1]; `Break` stops it.
+pub type Progress<'a> = dyn FnMut(Phase, f64) -> ControlFlow<()> + 'a;
+
+/// Share of the time of a hypothesis that tracking takes, and share of the fit that all hypotheses take, for the progress bar.
 const TRACKING_SHARE: f64 = 0.6;
+const POLISH_AT: f64 = 0.93;
 
 /// Finds the motion of a rigged model in a video.
 ///
@@ -97,16 +126,24 @@ pub fn fit(
         if best.as_ref().is_some_and(|b| b.unlike() < GOOD * stage.usual_mismatch) {
             break;
         }
-        let mut share = |done: f64| progress((k as f64 + done) / guesses.len() as f64);
+        let mut share = |phase, done: f64| progress(phase, POLISH_AT * (k as f64 + done) / guesses.len() as f64);
         let refined = refined(&stage, guesses_weight, &mut share)?;
         // What the rig suggests is given up only where the frames clearly speak against it.
         if best.as_ref().is_none_or(|b| refined.unlike() * PLAUSIBLE < b.unlike()) {
             best = Some(refined);
         }
     }
-    let Refined { frames, energies, mismatch } = best.expect("one hypothesis at least");
+    let Refined { mut frames, energies, mut mismatch } = best.expect("one hypothesis at least");
+    if progress(Phase::Polish, POLISH_AT).is_break() {
+        return Err(FitError::Stopped);
+    }
+    let curves = stage.polish(&mut frames);
+    if !curves.is_empty() {
+        mismatch = (0..frames.len()).into_par_iter().map(|t| stage.mismatch(&frames[t], t)).collect();
+    }
     let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
-    Ok(Outcome { motion: Motion { name: name.into(), fps, poses }, frames, energies, mismatch })
+    let motion = Motion { name: name.into(), fps, poses };
+    Ok(Outcome { motion, frames, energies, curves, mismatch })
 }
 
 /// How many times less like the video a motion that follows the rig's hinges may look and still be preferred.
@@ -131,12 +168,12 @@ impl Refined {
 /// Tracks and refines with what the rig suggests weighed by `guesses`.
 fn refined(stage: &Stage, guesses: f64, progress: &mut Progress) -> Result<Refined, FitError> {
     let count = stage.frames.len();
-    let mut frames = stage.track(guesses, &mut |t| progress(TRACKING_SHARE * t as f64 / count as f64))?;
-    let rounds = stage.settings.batch_rounds;
-    let energies = stage.refine(&mut frames, rounds, guesses);
-    if progress(1.0).is_break() {
+    let mut frames = stage.track(guesses, &mut |t| progress(Phase::Track, TRACKING_SHARE * t as f64 / count as f64))?;
+    if progress(Phase::Refine, TRACKING_SHARE).is_break() {
         return Err(FitError::Stopped);
     }
+    let rounds = stage.settings.batch_rounds;
+    let energies = stage.refine(&mut frames, rounds, guesses);
     let mismatch = (0..count).into_par_iter().map(|t| stage.mismatch(&frames[t], t)).collect();
     Ok(Refined { frames, energies, mismatch })
 }

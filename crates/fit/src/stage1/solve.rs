@@ -62,17 +62,31 @@ impl Stage<'_> {
         strength: Strength,
         iterations: usize,
     ) -> Vec<f64> {
+        let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
+        self.with_problem(poses.len(), active.clone(), found, strength, |problem| {
+            solve(problem, poses, active, &options).energies
+        })
+    }
+
+    /// Assembles all terms of the frames in `active` and hands them over.
+    pub(super) fn with_problem<R>(
+        &self,
+        count: usize,
+        active: Range<usize>,
+        found: &[Correspondences],
+        strength: Strength,
+        work: impl FnOnce(&Problem) -> R,
+    ) -> R {
         let s = &self.settings;
         let huber_px = strength.huber_px;
         let kinematics = &self.subject.tree.kinematics;
         let mut anchors = self.subject.balls.anchors.clone();
-        let mut flow =
-            Pixels { targets: vec![Vec::new(); poses.len()], robust: Robust::Huber(huber_px), weight: s.flow };
+        let mut flow = Pixels { targets: vec![Vec::new(); count], robust: Robust::Huber(huber_px), weight: s.flow };
         let mut contour =
             Pixels { weight: s.contour, robust: Robust::Huber(huber_px.max(CONTOUR_HUBER_PX)), ..flow.clone() };
         let mut tracks = Pixels { weight: s.tracks, ..flow.clone() };
         let mut depth = Depth {
-            targets: vec![Vec::new(); poses.len()],
+            targets: vec![Vec::new(); count],
             sigma: self.given.depth_sigma(),
             robust: Robust::Huber(DEPTH_HUBER),
             weight: s.depth,
@@ -109,8 +123,7 @@ impl Stage<'_> {
             terms: vec![&flow, &contour, &tracks, &depth, &priors, &penetration],
             smoothness: Some(&smoothness),
         };
-        let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
-        solve(&problem, poses, active, &options).energies
+        work(&problem)
     }
 
     fn smoothness(&self, scale: f64) -> Smoothness {
@@ -214,7 +227,8 @@ impl Stage<'_> {
         self.solve(poses, 0..poses.len(), &found, strength, 8)
     }
 
-    fn strength(&self, round: usize, rounds: usize, guesses: f64) -> Strength {
+    /// How a round of refinement weighs what is seen; u = 1 at the last of them.
+    pub fn strength(&self, round: usize, rounds: usize, guesses: f64) -> Strength {
         let u = (round + 1) as f64 / rounds as f64;
         let s = &self.settings;
         Strength {
