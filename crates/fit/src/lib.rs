@@ -5,7 +5,10 @@
 
 pub mod camera;
 mod color;
+pub mod combined;
 mod error;
+#[cfg(test)]
+mod fixtures;
 pub mod normal;
 mod presets;
 pub mod quasi_newton;

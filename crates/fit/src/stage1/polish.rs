@@ -6,14 +6,14 @@
 
 use super::correspond::{Correspondences, Frame};
 use super::solve::Stage;
-use crate::quasi_newton::{Evaluation, Objective, minimise};
-use crate::rendered::{MaskLoss, Model, Observed, RgbLoss, Value, Weighted};
-use crate::solver::{Problem, linearize, retract};
-use crate::terms::{At, Term};
-use animimic_math::block_tridiagonal::Factor;
+use crate::combined::{Combined, pose_all};
+use crate::quasi_newton::minimise;
+use crate::rendered::{MaskLoss, Model, Observed, RgbLoss, Weighted};
+use crate::solver::linearize;
 use animimic_render::{Light, solve_exposure};
-use animimic_rig::{FramePose, Posed};
+use animimic_rig::FramePose;
 use animimic_scene::Mask;
+use glam::DVec2;
 use rayon::prelude::*;
 
 /// Damping of the metric.
@@ -51,10 +51,16 @@ impl Stage<'_> {
             };
             let (rgb, mask) = (RgbLoss::default(), MaskLoss::default());
             let losses = [Weighted { loss: &rgb, weight: s.rgb }, Weighted { loss: &mask, weight: s.mask }];
-            let polish =
-                Polish { problem, model: self.model(), losses: &losses, observed: &observed, lights: &lights, metric };
+            let combined = Combined {
+                problem,
+                model: self.model(),
+                losses: &losses,
+                observed: &observed,
+                lights: &lights,
+                metric,
+            };
             let history;
-            (*poses, history) = minimise(&polish, std::mem::take(poses), s.polish_steps, TOLERANCE);
+            (*poses, history) = minimise(&combined, std::mem::take(poses), s.polish_steps, TOLERANCE);
             let names = ["flow", "contour", "tracks", "depth", "priors", "penetration", "smoothness", "rgb", "mask"];
             let curve =
                 |(k, name): (usize, &str)| Curve { name: name.into(), values: history.iter().map(|h| h[k]).collect() };
@@ -101,7 +107,7 @@ fn observed<'a>(frame: &Frame<'a>, bias_px: f64) -> Observed<'a> {
         let (x0, y0) = (point.x as isize, point.y as isize);
         for y in (y0 - reach).max(0)..(y0 + reach + 1).min(h) {
             for x in (x0 - reach).max(0)..(x0 + reach + 1).min(w) {
-                let p = glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+                let p = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
                 let Some(q) = contour.nearest(p).filter(|&q| contour.points[q].distance(p) < BAND_PX) else { continue };
                 // Boundary pixels are inside; their edge is half a pixel farther out.
                 let depth = contour.normals[q].dot(contour.points[q] - p) + 0.5 - bias_px;
@@ -116,52 +122,68 @@ fn observed<'a>(frame: &Frame<'a>, bias_px: f64) -> Observed<'a> {
 /// An object smaller than this does not count more for being small [px].
 const LEAST_AREA_PX: f64 = 400.0;
 
-fn pose_all(problem: &Problem, poses: &[FramePose]) -> Vec<Posed> {
-    poses.iter().map(|p| problem.context.kinematics.pose(p)).collect()
-}
+#[cfg(test)]
+mod tests {
+    use super::super::{Settings, first_light, stage};
+    use super::*;
+    use crate::fixtures::with_video;
+    use animimic_math::gradcheck::SplitMix64;
 
-/// The sum of all terms over all frames.
-struct Polish<'a> {
-    problem: &'a Problem<'a>,
-    model: Model<'a>,
-    losses: &'a [Weighted<'a>],
-    observed: &'a [Observed<'a>],
-    lights: &'a [Light],
-    metric: Factor,
-}
+    #[test]
+    fn the_polish_descends_looks_more_like_the_video_and_gives_the_same_bytes_for_any_number_of_threads() {
+        with_video(|input, subject, truth| {
+            let light = first_light(input, subject).expect("the object is seen");
+            let stage = stage(input, subject, &light, Settings::default());
+            let tree = &subject.tree.kinematics;
+            let mut rng = SplitMix64(5);
+            let mut near =
+                |p: &FramePose| tree.retract(p, &(0..tree.dimension).map(|_| 0.008 * rng.normal()).collect::<Vec<_>>());
+            let start: Vec<FramePose> = truth.iter().map(&mut near).collect();
+            let with = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+                let mut poses = start.clone();
+                let curves = pool.install(|| stage.polish(&mut poses));
+                (poses, curves)
+            };
+            let (one, three) = (with(1), with(3));
+            assert_eq!(one.0, three.0);
+            let total = |k: usize| -> f64 { one.1.iter().map(|c| c.values[k]).sum() };
+            let last = one.1[0].values.len() - 1;
+            assert!(last > 0 && (0..last).all(|k| total(k + 1) < total(k)), "every step descends");
+            let unlike = |poses: &[FramePose]| -> f64 {
+                poses.iter().enumerate().map(|(t, p)| stage.mismatch(p, t)).sum::<f64>() / truth.len() as f64
+            };
+            let rendered = |k: usize| -> f64 { one.1.iter().rev().take(2).map(|c| c.values[k]).sum() };
+            println!(
+                "energy {:.1} to {:.1}, rendered part {:.1} to {:.1}",
+                total(0),
+                total(last),
+                rendered(0),
+                rendered(last)
+            );
+            println!("mismatch {:.4} to {:.4}", unlike(&start), unlike(&one.0));
+            assert!(rendered(last) < 0.5 * rendered(0));
+            assert!(unlike(&one.0) < 0.7 * unlike(&start));
+        });
+    }
 
-impl Objective for Polish<'_> {
-    type Point = Vec<FramePose>;
-
-    /// Parts: the terms of the linearised problem in their order, smoothness, the rendered losses in theirs.
-    fn evaluate(&self, poses: &Vec<FramePose>) -> Evaluation {
-        let all = 0..poses.len();
-        let posed = pose_all(self.problem, poses);
-        let sum = |term: &dyn Term| -> f64 {
-            let at = |t: usize| At { frame: t, pose: &poses[t], posed: &posed[t] };
-            all.clone().map(|t| term.energy(&self.problem.context, &at(t))).sum()
+    #[test]
+    fn a_mask_is_shifted_by_the_bias_of_its_contour() {
+        let inside = |p: usize| (8..24).contains(&(p % 32)) && (8..24).contains(&(p / 32));
+        let mask =
+            Mask { width: 32, height: 32, coverage: (0..1024).map(|p| if inside(p) { 255 } else { 0 }).collect() };
+        let image = animimic_scene::Image::filled(32, 32, [0; 3]);
+        let frame = Frame {
+            image: &image,
+            mask: &mask,
+            contour: super::super::contour::Contour::new(&mask),
+            background: &image,
         };
-        let mut parts: Vec<f64> = self.problem.terms.par_iter().map(|t| sum(*t)).collect();
-        parts.push(self.problem.smoothness.map_or(0.0, |s| s.energy(&posed, &all)));
-        let frames: Vec<Value> = all
-            .clone()
-            .into_par_iter()
-            .map(|t| self.model.evaluate(self.losses, &self.observed[t], &self.lights[t], &poses[t], true))
-            .collect();
-        let losses = self.losses.iter().enumerate();
-        parts.extend(losses.map(|(k, l)| l.weight * frames.iter().map(|f| f.losses[k]).sum::<f64>()));
-        // Normal equations hold half the gradient.
-        let geometric = linearize(self.problem, poses, &posed, &all).gradient;
-        let rendered = frames.iter().flat_map(|f| &f.gradient);
-        let gradient = geometric.iter().zip(rendered).map(|(g, r)| 2.0 * g + r).collect();
-        Evaluation { parts, gradient }
-    }
-
-    fn precondition(&self, gradient: &[f64]) -> Vec<f64> {
-        self.metric.solve(gradient).iter().map(|v| 0.5 * v).collect()
-    }
-
-    fn retract(&self, poses: &Vec<FramePose>, step: &[f64]) -> Vec<FramePose> {
-        retract(self.problem, poses, &(0..poses.len()), step)
+        let area = |bias: f64| {
+            let seen = observed(&frame, bias);
+            seen.mask.coverage.iter().map(|&c| f64::from(c) / 255.0).sum::<f64>()
+        };
+        println!("{:.1} px, {:.1} px with half a pixel off all round", area(0.0), area(0.5));
+        assert!((area(0.0) - 256.0).abs() < 5.0 && (area(0.5) - 225.0).abs() < 6.0);
     }
 }

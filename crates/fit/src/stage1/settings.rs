@@ -91,9 +91,9 @@ impl Default for Settings {
             final_smoothness: 0.2,
             final_huber_px: 0.5,
             batch_rounds: 6,
-            rgb: env("PIC_RGB", 1000.0),
-            mask: env("PIC_MASK", 1000.0),
-            polish_steps: env("PIC_STEPS", 8.0) as usize,
+            rgb: 20000.0,
+            mask: 5000.0,
+            polish_steps: 12,
         }
     }
 }
@@ -116,8 +116,4 @@ impl Settings {
     pub fn with_known_depth(self) -> Self {
         Self { off_hinge: 0.0, off_hinge_top: 0.0, lateral: 0.0, velocity: 300.0, acceleration: 1500.0, ..self }
     }
-}
-
-fn env(name: &str, default: f64) -> f64 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
 }
