@@ -124,9 +124,11 @@ impl Edges<'_> {
             return;
         }
         let (va, vb) = (self.posed.surface.triangles[ta as usize], self.posed.surface.triangles[tb as usize]);
-        let shared = va.iter().any(|v| vb.contains(v));
-        let outline = |v: [u32; 3]| v.iter().any(|&v| self.silhouette.vertices[v as usize]);
-        let inner = !outline(va) && !outline(vb);
+        // Without short circuits, which would be mispredicted: this is asked at almost every pixel of a fine mesh.
+        let shared = va.iter().fold(false, |any, &v| any | (v == vb[0]) | (v == vb[1]) | (v == vb[2]));
+        let outlines = &self.silhouette.vertices;
+        let outline = |v: [u32; 3]| outlines[v[0] as usize] | outlines[v[1] as usize] | outlines[v[2] as usize];
+        let inner = !(outline(va) | outline(vb));
         if shared && inner && self.no_jumps {
             return;
         }
@@ -188,7 +190,11 @@ impl Edges<'_> {
 
     /// Colour at a sight line.
     fn color_seen(&self, s: &Sight) -> Option<[f32; 3]> {
-        if s.triangle == NONE { Some(self.rendered.background) } else { self.color_at(s.triangle, s.x, s.y) }
+        if s.triangle == NONE {
+            Some(self.rendered.background)
+        } else {
+            self.color_at(s.triangle, s.x as f32, s.y as f32)
+        }
     }
 
     /// A step between a surface (the first pixel's or the second's) and what is behind it.
