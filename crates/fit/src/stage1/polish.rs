@@ -5,11 +5,12 @@
 //! Hessian, which knows how stiff each joint is. Only descent is accepted.
 
 use super::correspond::{Correspondences, Frame};
-use super::solve::Stage;
+use super::solve::{Stage, Strength};
 use crate::combined::{Combined, pose_all};
 use crate::quasi_newton::minimise;
 use crate::rendered::{MaskLoss, Model, Observed, RgbLoss, Weighted};
 use crate::solver::linearize;
+use animimic_math::block_tridiagonal::Factor;
 use animimic_render::{Light, solve_exposure};
 use animimic_rig::FramePose;
 use animimic_scene::Mask;
@@ -65,6 +66,17 @@ impl Stage<'_> {
             let curve =
                 |(k, name): (usize, &str)| Curve { name: name.into(), values: history.iter().map(|h| h[k]).collect() };
             names.into_iter().enumerate().map(curve).collect()
+        })
+    }
+
+    /// The factor of the damped Gauss–Newton matrix of all terms at `poses`: a metric for other losses of the same motion;
+    /// `None` where it is not positive definite.
+    pub fn metric(&self, poses: &[FramePose], strength: Strength) -> Option<Factor> {
+        let all = 0..poses.len();
+        let found: Vec<Correspondences> =
+            all.clone().into_par_iter().map(|t| self.correspond(&poses[t], t, self.settings.reach_px.1)).collect();
+        self.with_problem(poses.len(), all.clone(), &found, strength, |problem| {
+            linearize(problem, poses, &pose_all(problem, poses), &all).factor(DAMPING)
         })
     }
 

@@ -1,6 +1,6 @@
 //! The renderer against recorded rivals: speed and gradient quality.
 //!
-//! `cargo run --release -p animimic-render --example rivals -- DIR` with DIR the folder of the recorded scenes
+//! `cargo run --release -p animimic-fit --example rivals -- DIR` with DIR the folder of the recorded scenes
 //! (`data/quad_*.npz`, `data/maskgrad.npz`). One JSON line per mesh and size (CPU milliseconds of one thread, the least of
 //! several repetitions), then one for the mask gradient test and one for the refinement of a
 //! pose. With a second argument, the path of `docs/benchmarks.md`, the
