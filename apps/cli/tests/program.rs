@@ -37,17 +37,17 @@ fn wrong_usage_ends_with_2_and_help_with_0() {
     assert_eq!(animimic(&["list", "clouds"]).status.code(), Some(2));
     let help = animimic(&["--help"]);
     assert_eq!(help.status.code(), Some(0));
-    for command in ["animate", "cues", "evaluate", "render", "example", "list"] {
+    for command in ["animate", "fit", "cues", "evaluate", "render", "example", "list"] {
         assert!(text(&help.stdout).contains(command), "{command}");
     }
 }
 
 #[test]
 fn lists_print_json_for_machines() {
-    for kind in ["formats", "metrics", "cameras", "cues", "models"] {
+    for kind in ["formats", "metrics", "cameras", "cues", "presets", "models"] {
         let out = animimic(&["list", kind, "--json"]);
         let rows: Value = serde_json::from_slice(&out.stdout).unwrap();
-        assert!(rows.as_array().unwrap().len() >= 3, "{kind}");
+        assert!(rows.as_array().unwrap().len() >= 2, "{kind}");
     }
 }
 
@@ -254,12 +254,62 @@ fn results(folder: &Path, threads: &str) -> Vec<(String, Vec<u8>)> {
         .collect()
 }
 
+/// A short run of `fit`; its report without timings, and the file's bytes.
+fn fitted(out: &Path, preset: &str, height: &str) -> (Value, Vec<u8>) {
+    let (model, video, camera, out) =
+        (example("creature.glb"), example("creature.mp4"), example("camera.json"), out.display().to_string());
+    let mut arguments = vec!["fit", &model, &video, "--camera", &camera, "-o", &out, "--frames", "0..4"];
+    arguments.extend(["--height", height, "--preset", preset, "--json", "-q"]);
+    let run = animimic(&arguments);
+    assert!(run.status.success(), "{}", text(&run.stderr));
+    (serde_json::from_slice(&run.stdout).unwrap(), std::fs::read(&out).unwrap())
+}
+
+#[test]
+fn fit_writes_the_same_clip_as_animate_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let (report, glb) = fitted(&folder.path().join("clip.glb"), "default", "160");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    let whole = results(folder.path(), "2");
+    let animated = &whole.iter().find(|f| f.0 == "animated.glb").unwrap().1;
+    assert!(glb == *animated, "{} and {} bytes", glb.len(), animated.len());
+    let timings = report["timings"].as_object().unwrap();
+    for part in ["motion: tracking", "motion: refinement", "motion: polish"] {
+        assert!(timings.contains_key(part), "{part} is not in {timings:?}");
+    }
+    let stages: Vec<&str> =
+        report["clips"][0]["losses"].as_array().unwrap().iter().map(|c| c["stage"].as_str().unwrap()).collect();
+    for term in ["polish: rgb", "polish: mask", "polish: contour", "polish: smoothness"] {
+        assert!(stages.contains(&term), "{term} is not in {stages:?}");
+    }
+    fails_with(
+        &["fit", &example("creature.glb"), &example("creature.mp4"), "-o", &folder.path().display().to_string(), "-q"],
+        "ends in .glb",
+    );
+}
+
+#[test]
+fn the_reference_preset_runs_and_is_another_motion() {
+    let folder = tempfile::tempdir().unwrap();
+    let (report, glb) = fitted(&folder.path().join("reference.glb"), "reference", "96");
+    assert_eq!(report["options"]["preset"], "reference");
+    let losses = report["clips"][0]["losses"][0]["values"].as_array().unwrap();
+    println!("loss {} to {}", losses[0], losses[199]);
+    assert_eq!(losses.len(), 200);
+    assert!(losses[199].as_f64() < losses[0].as_f64());
+    assert!(glb != fitted(&folder.path().join("default.glb"), "default", "96").1);
+    assert_eq!(animimic(&["fit", "a", "b", "-o", "c.glb", "--preset", "fastest"]).status.code(), Some(2));
+}
+
 #[test]
 fn one_thread_and_two_give_the_same_files() {
     let folder = tempfile::tempdir().unwrap();
     let (one, two) = (results(folder.path(), "1"), results(folder.path(), "2"));
     let names: Vec<&str> = one.iter().map(|f| f.0.as_str()).collect();
-    assert_eq!(names, ["animated.glb", "camera.json", "contact_sheet.png", "report.json", "views.mp4"]);
+    assert_eq!(
+        names,
+        ["animated.glb", "camera.json", "contact_sheet.png", "report.json", "residuals.mp4", "views.mp4"]
+    );
     for (a, b) in one.iter().zip(&two) {
         println!("{} {} bytes", a.0, a.1.len());
         assert!(a == b, "{} differs", a.0);

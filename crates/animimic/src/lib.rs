@@ -17,7 +17,8 @@ pub mod pictures;
 pub mod truth;
 pub mod turntable;
 
-pub use animate::{Job, Report, animate};
+pub use animate::{Job, Report, animate, fit};
+pub use animimic_fit::Preset;
 pub use animimic_scene as scene;
 pub use animimic_sim as sim;
 pub use animimic_video::cues::providers::PROVIDERS as CUE_PROVIDERS;

@@ -5,8 +5,15 @@
 
 pub mod camera;
 mod color;
+pub mod combined;
 mod error;
+#[cfg(test)]
+mod fixtures;
 pub mod normal;
+mod presets;
+pub mod quasi_newton;
+pub mod reference;
+pub mod rendered;
 pub mod robust;
 mod schedule;
 pub mod smoothness;
@@ -16,3 +23,4 @@ pub mod terms;
 pub mod view;
 
 pub use error::FitError;
+pub use presets::Preset;

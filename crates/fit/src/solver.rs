@@ -6,7 +6,7 @@
 
 use crate::normal::NormalEquations;
 use crate::terms::{At, Context, Term};
-use animimic_math::block_tridiagonal::BlockTridiagonal;
+use animimic_math::block_tridiagonal::{BlockTridiagonal, Factor};
 use animimic_rig::{FramePose, Posed};
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
@@ -102,7 +102,8 @@ pub fn total_energy(problem: &Problem, poses: &[FramePose], posed: &[Posed], act
     frames.iter().sum::<f64>() + problem.smoothness.map_or(0.0, |s| s.energy(posed, active))
 }
 
-fn retract(problem: &Problem, poses: &[FramePose], active: &Range<usize>, step: &[f64]) -> Vec<FramePose> {
+/// Moves the active frames along a step \[frame · dimension\].
+pub fn retract(problem: &Problem, poses: &[FramePose], active: &Range<usize>, step: &[f64]) -> Vec<FramePose> {
     let mut moved = poses.to_vec();
     let d = problem.context.kinematics.dimension;
     for (k, t) in active.clone().enumerate() {
@@ -161,6 +162,12 @@ pub fn linearize(problem: &Problem, poses: &[FramePose], posed: &[Posed], active
 impl Model {
     /// The damped Gauss–Newton step, or `None` if the damped matrix is not positive definite.
     pub fn step(&self, damping: f64) -> Option<Vec<f64>> {
+        let b: Vec<f64> = self.gradient.iter().map(|g| -g).collect();
+        Some(self.factor(damping)?.solve(&b))
+    }
+
+    /// The factor of the damped Gauss–Newton matrix, or `None` if that is not positive definite.
+    pub fn factor(&self, damping: f64) -> Option<Factor> {
         let (d, n) = (self.dimension, self.diagonal.len());
         let sizes: Vec<usize> = (0..n).step_by(2).map(|t| if t + 1 < n { 2 * d } else { d }).collect();
         let mut system = BlockTridiagonal::zeros(&sizes);
@@ -178,8 +185,7 @@ impl Model {
                 target.as_mut().submatrix_mut(row_offset, offset, d, d).copy_from(source);
             }
         }
-        let b: Vec<f64> = self.gradient.iter().map(|g| -g).collect();
-        system.solve(&b).ok()
+        system.factored().ok()
     }
 
     /// Blocks (t, t), (t + 1, t) and (t + 2, t) of H.

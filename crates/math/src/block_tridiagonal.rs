@@ -37,28 +37,14 @@ impl BlockTridiagonal {
     }
 
     /// Solves `A x = b` for one right-hand side, destroying `self` (it becomes its factor).
-    pub fn solve(mut self, b: &[f64]) -> Result<Vec<f64>, NotPositiveDefinite> {
+    pub fn solve(self, b: &[f64]) -> Result<Vec<f64>, NotPositiveDefinite> {
+        Ok(self.factored()?.solve(b))
+    }
+
+    /// Turns the matrix into its factor, for several right-hand sides.
+    pub fn factored(mut self) -> Result<Factor, NotPositiveDefinite> {
         self.factor()?;
-        let mut x: Vec<Mat<f64>> = Vec::with_capacity(self.diagonal.len());
-        let mut start = 0;
-        for (i, l) in self.diagonal.iter().enumerate() {
-            let n = l.nrows();
-            let mut y = Mat::from_fn(n, 1, |r, _| b[start + r]);
-            if i > 0 {
-                y -= &self.below[i - 1] * &x[i - 1];
-            }
-            solve::solve_lower_triangular_in_place(l.as_ref(), y.as_mut(), Par::Seq);
-            x.push(y);
-            start += n;
-        }
-        for i in (0..x.len()).rev() {
-            if i + 1 < x.len() {
-                let correction = self.below[i].transpose() * &x[i + 1];
-                x[i] -= correction;
-            }
-            solve::solve_upper_triangular_in_place(self.diagonal[i].transpose(), x[i].as_mut(), Par::Seq);
-        }
-        Ok(x.iter().flat_map(|y| (0..y.nrows()).map(|r| y[(r, 0)])).collect())
+        Ok(Factor(self))
     }
 
     fn factor(&mut self) -> Result<(), NotPositiveDefinite> {
@@ -94,6 +80,36 @@ impl BlockTridiagonal {
             .map_err(|_| NotPositiveDefinite { block: i })?;
         }
         Ok(())
+    }
+}
+
+/// The Cholesky factor of a [`BlockTridiagonal`] matrix.
+#[derive(Clone, Debug)]
+pub struct Factor(BlockTridiagonal);
+
+impl Factor {
+    /// Solves `A x = b`.
+    pub fn solve(&self, b: &[f64]) -> Vec<f64> {
+        let mut x: Vec<Mat<f64>> = Vec::with_capacity(self.0.diagonal.len());
+        let mut start = 0;
+        for (i, l) in self.0.diagonal.iter().enumerate() {
+            let n = l.nrows();
+            let mut y = Mat::from_fn(n, 1, |r, _| b[start + r]);
+            if i > 0 {
+                y -= &self.0.below[i - 1] * &x[i - 1];
+            }
+            solve::solve_lower_triangular_in_place(l.as_ref(), y.as_mut(), Par::Seq);
+            x.push(y);
+            start += n;
+        }
+        for i in (0..x.len()).rev() {
+            if i + 1 < x.len() {
+                let correction = self.0.below[i].transpose() * &x[i + 1];
+                x[i] -= correction;
+            }
+            solve::solve_upper_triangular_in_place(self.0.diagonal[i].transpose(), x[i].as_mut(), Par::Seq);
+        }
+        x.iter().flat_map(|y| (0..y.nrows()).map(|r| y[(r, 0)])).collect()
     }
 }
 

@@ -14,11 +14,14 @@
 //! the point, its normal and its velocity are already different ones (26° on a ball of 20 pixels), a bias that supersampled
 //! differences show. Here the silhouette edge itself is cut with the line AB ([`crate::silhouette`]): its
 //! ends carry the gradient, its colour is I in front. Without a crossing (cutouts) the step is taken where AB leaves the triangle.
+//! Where several edges cross AB (slits and limbs thinner than a pixel), neither colour need be what lies beside an edge: each is
+//! looked past alone, and those that are seen make a step each ([`crate::between`]).
 //!
 //! Where the surface continues, colours may still jump (flat facets, hard edges, texture seams). EdgeGrad drops these steps;
 //! here the jump, both sides shaded at the middle, goes to both fragments in halves, as the shared edge moves with both. A
 //! smooth surface has no jump, and is not asked.
 
+use crate::between::{Between, Crowded, Sight};
 use crate::light::Light;
 use crate::project::ScreenPoint;
 use crate::raster::{NONE, Raster};
@@ -51,8 +54,16 @@ pub(crate) fn edges_vjp(
         raster.width,
         raster.height,
     );
-    let mut edges = Edges { posed, light, rendered, d, silhouette, no_jumps, encoder: Encoder::new(), d_screen };
     let w = raster.width;
+    let between = if surface.has_cutouts {
+        // What a cutout leaves of a triangle is not known between pixels.
+        Between::default()
+    } else {
+        Between::new(&silhouette, &raster.inv_z, w, &surface.triangles, posed.screen, &surface.cull_back)
+    };
+    let mut edges =
+        Edges { posed, light, rendered, d, silhouette, between, no_jumps, encoder: Encoder::new(), d_screen };
+    edges.crowded_pairs();
     for (y, row) in raster.triangle.chunks_exact(w.max(1)).enumerate() {
         for (x, pair) in row.windows(2).enumerate() {
             if pair[0] != pair[1] {
@@ -92,6 +103,7 @@ struct Edges<'a> {
     rendered: &'a Rendered,
     d: &'a Cotangents<'a>,
     silhouette: Silhouette,
+    between: Between,
     /// Triangles that share a corner have no jump between them: one look, smooth or no shading.
     no_jumps: bool,
     encoder: Encoder,
@@ -103,16 +115,24 @@ impl Edges<'_> {
         let raster = &self.rendered.raster;
         let (ta, tb) = (raster.triangle[a], raster.triangle[b]);
         if ta == NONE || tb == NONE {
-            return self.step(a, b, axis, tb == NONE);
+            if !self.between.contains(pair_of(a, axis)) {
+                self.step(a, b, axis, tb == NONE);
+            }
+            return;
         }
         if self.d.rgb.is_empty() {
             return;
         }
         let (va, vb) = (self.posed.surface.triangles[ta as usize], self.posed.surface.triangles[tb as usize]);
-        let shared = va.iter().any(|v| vb.contains(v));
-        let outline = |v: [u32; 3]| v.iter().any(|&v| self.silhouette.vertices[v as usize]);
-        let inner = !outline(va) && !outline(vb);
+        // Without short circuits, which would be mispredicted: this is asked at almost every pixel of a fine mesh.
+        let shared = va.iter().fold(false, |any, &v| any | (v == vb[0]) | (v == vb[1]) | (v == vb[2]));
+        let outlines = &self.silhouette.vertices;
+        let outline = |v: [u32; 3]| outlines[v[0] as usize] | outlines[v[1] as usize] | outlines[v[2] as usize];
+        let inner = !(outline(va) | outline(vb));
         if shared && inner && self.no_jumps {
+            return;
+        }
+        if self.between.contains(pair_of(a, axis)) {
             return;
         }
         let joined = shared || self.joined(va, vb);
@@ -127,6 +147,53 @@ impl Edges<'_> {
                 self.scatter(b, axis, -1.0, g);
             }
             Step::Continuous | Step::Intersection => {}
+        }
+    }
+
+    /// The steps between pixels that several silhouettes cross, thin parts that no pixel shows among them.
+    fn crowded_pairs(&mut self) {
+        let between = std::mem::take(&mut self.between);
+        for crowded in &between.crowded {
+            self.crowded_pair(crowded, &between);
+        }
+        self.between = between;
+    }
+
+    fn crowded_pair(&mut self, crowded: &Crowded, between: &Between) {
+        let raster = &self.rendered.raster;
+        let a = crowded.pair as usize / 2;
+        let (axis, b) = if crowded.pair % 2 == 1 { (Axis::Y, a + raster.width) } else { (Axis::X, a + 1) };
+        let crossings = &between.crossings[crowded.crossings.clone()];
+        for (c, behind) in crossings.iter().zip(&between.sights[crowded.crossings.clone()]) {
+            if behind.q < c.q {
+                self.seen_step(a, b, axis, c, behind);
+            }
+        }
+    }
+
+    /// The step at a crossing that is seen, with what lies behind it.
+    fn seen_step(&mut self, a: usize, b: usize, axis: Axis, c: &Crossing, behind: &Sight) {
+        let sign = if c.surface_first { 0.5 } else { -0.5 };
+        let mut g = 0.0;
+        if !self.d.mask.is_empty() && behind.triangle == NONE {
+            g += sign * (self.d.mask[a] + self.d.mask[b]);
+        }
+        if !self.d.rgb.is_empty() {
+            let (da, db) = (self.d.rgb[a], self.d.rgb[b]);
+            if let (Some(color), Some(behind)) = (self.color_of(c), self.color_seen(behind)) {
+                g += (0..3).map(|k| sign * (da[k] + db[k]) * (color[k] - behind[k])).sum::<f32>();
+            }
+        }
+        self.add(c.vertices[0], axis, f64::from(g * (1.0 - c.s)));
+        self.add(c.vertices[1], axis, f64::from(g * c.s));
+    }
+
+    /// Colour at a sight line.
+    fn color_seen(&self, s: &Sight) -> Option<[f32; 3]> {
+        if s.triangle == NONE {
+            Some(self.rendered.background)
+        } else {
+            self.color_at(s.triangle, s.x as f32, s.y as f32)
         }
     }
 
@@ -157,7 +224,7 @@ impl Edges<'_> {
 
     /// The outermost silhouette of the surface in front between two pixels, before what the other pixel shows.
     fn crossing(&self, a: usize, back: usize, axis: Axis, first: bool) -> Option<Crossing> {
-        let pair = 2 * a as u32 + u32::from(matches!(axis, Axis::Y));
+        let pair = pair_of(a, axis);
         let behind = self.rendered.raster.inv_z[back];
         let found = self.silhouette.at(pair).iter().filter(|c| c.surface_first == first && c.q > behind);
         let outermost = |x: &&Crossing, y: &&Crossing| if first { x.t.total_cmp(&y.t) } else { y.t.total_cmp(&x.t) };
@@ -286,6 +353,11 @@ fn affine_at_exit(p: &[ScreenPoint; 3], (x, y): (f32, f32), axis: Axis, toward: 
     let (l, s) = ([l0, l1, 1.0 - l0 - l1], [s0, s1, -s0 - s1]);
     let exit = (0..3).filter(|&i| s[i] < 0.0).map(|i| (l[i] / -s[i]).max(0.0)).fold(1.0, f64::min);
     Some([0, 1, 2].map(|i| l[i] + exit * s[i]))
+}
+
+/// As [`Crossing::pair`], of a pixel and the next one along an axis.
+fn pair_of(pixel: usize, axis: Axis) -> u32 {
+    2 * pixel as u32 + u32::from(matches!(axis, Axis::Y))
 }
 
 fn centre(raster: &Raster, pixel: usize) -> (f32, f32) {

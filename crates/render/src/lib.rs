@@ -4,6 +4,7 @@
 //! with one thread or with rows shared among threads, with the same bytes.
 #![deny(missing_docs)]
 
+mod between;
 pub mod clip;
 pub mod edges;
 pub mod error;

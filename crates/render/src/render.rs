@@ -27,6 +27,8 @@ pub struct Rendered {
     pub raster: Raster,
     /// sRGB-encoded colours in \[0, 1\], the background's where there is no triangle.
     pub rgb: Vec<[f32; 3]>,
+    /// The background's colour, sRGB-encoded.
+    pub background: [f32; 3],
     /// Projected vertices.
     pub screen: Vec<ScreenPoint>,
     /// Shading normals.
@@ -85,6 +87,7 @@ pub fn render_into(
     background: [f32; 3],
     out: &mut Rendered,
 ) {
+    out.background = background;
     out.screen = project(camera, positions);
     rasterize_screen_into(camera, surface, positions, &out.screen, false, &mut out.raster);
     out.normals =

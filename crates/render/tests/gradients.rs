@@ -276,6 +276,8 @@ fn scenes() -> Vec<Scene> {
         scene("silhouette", vec![painted(ball(DVec3::ZERO, 0.9))], true, vec![plain([1.0; 4])], 0.2),
         scene("occlusion", two(), true, vec![plain([0.8, 0.3, 0.2, 1.0]), plain([0.2, 0.4, 0.8, 1.0])], 0.2),
         scene("self-occlusion", vec![painted(ring())], true, vec![plain([1.0; 4])], 0.2),
+        // The ring's hole is a slit, in places thinner than a pixel.
+        scene("slit", vec![painted(ring())], true, vec![plain([1.0; 4])], 0.45),
         scene("texture edge", vec![plane()], true, vec![textured(stripes, false)], 0.2),
         scene(
             "flat facets",
@@ -377,7 +379,7 @@ fn depth_has_an_exact_gradient_inside() {
 
 #[test]
 fn textured_scenes_have_an_exact_gradient_to_texels() {
-    for index in [0, 4] {
+    for index in [0, 5] {
         let mut scene = scenes().swap_remove(index);
         let n = (SIZE * SIZE) as usize;
         let share = vec![[1.0 / n as f32, -0.5 / n as f32, 0.7 / n as f32]; n];

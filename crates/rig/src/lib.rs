@@ -8,9 +8,11 @@ pub mod fixtures;
 pub mod kinematics;
 pub mod limbs;
 pub mod proxy;
+pub mod pullback;
 pub mod smoothness;
 pub mod solve_tree;
 
 pub use anchor::{Anchor, AnchorColumns, Share};
 pub use kinematics::{FramePose, Kinematics, Posed};
 pub use proxy::proxy;
+pub use pullback::pose_vjp;

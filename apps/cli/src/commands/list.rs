@@ -16,6 +16,8 @@ enum Kind {
     Cameras,
     /// Ways to get masks, tracks and depth
     Cues,
+    /// Ways to find the motion
+    Presets,
     /// Constitutive models of soft tissue
     Models,
 }
@@ -36,6 +38,9 @@ impl List {
                 .collect(),
             Kind::Cues => {
                 animimic::CUE_PROVIDERS.iter().map(|p| (p.name().to_owned(), p.summary().to_owned())).collect()
+            }
+            Kind::Presets => {
+                animimic::Preset::ALL.iter().map(|p| (p.name().to_owned(), p.summary().to_owned())).collect()
             }
             Kind::Models => {
                 animimic::sim::Model::ALL.iter().map(|m| (m.name().to_owned(), m.about().to_owned())).collect()

@@ -1,5 +1,7 @@
 //! One file per command. A new command is a file with a struct of options and its `run`, and one line in the list below.
 
+mod fitting;
+
 use crate::Common;
 
 macro_rules! commands {
@@ -26,6 +28,8 @@ macro_rules! commands {
 commands! {
     /// Move a rigged model as a video shows: GLB, videos to look at and a report
     animate::Animate,
+    /// Find the motion alone: rigged model and videos in, one GLB with a clip per video out
+    fit::Fit,
     /// Find masks and point tracks in a video, with an overlay video to look at
     cues::Cues,
     /// Measure an animated model against a video or exact truth
@@ -34,6 +38,6 @@ commands! {
     render::Render,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
-    /// List what there is of a kind: formats, metrics, cameras, cues, models
+    /// List what there is of a kind: formats, metrics, cameras, cues, presets, models
     list::List,
 }

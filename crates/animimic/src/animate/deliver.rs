@@ -6,7 +6,7 @@ use super::{Clock, Job, Report, Take};
 use crate::Error;
 use crate::event::{Event, Progress, tell};
 use animimic_scene::io::gltf::{ExportOptions, save_clips};
-use animimic_scene::{Asset, Motion, io};
+use animimic_scene::{Asset, Image, Motion, io};
 use animimic_video::{write_mp4, write_png};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 /// Names of a take's own files: plain for a single video, else with the clip's name.
 struct Names {
     views: PathBuf,
+    residuals: PathBuf,
     sheet: PathBuf,
     camera: PathBuf,
 }
@@ -25,11 +26,16 @@ impl Names {
         let name = |stem: &str, end: &str| {
             folder.join(safe.as_ref().map_or_else(|| format!("{stem}.{end}"), |c| format!("{stem}-{c}.{end}")))
         };
-        Self { views: name("views", "mp4"), sheet: name("contact_sheet", "png"), camera: name("camera", "json") }
+        Self {
+            views: name("views", "mp4"),
+            residuals: name("residuals", "mp4"),
+            sheet: name("contact_sheet", "png"),
+            camera: name("camera", "json"),
+        }
     }
 }
 
-/// Writes `animated.glb`, then for each take `views.mp4`, `contact_sheet.png` and `camera.json`, then both reports.
+/// Writes `animated.glb`, then for each take `views.mp4`, `residuals.mp4`, `contact_sheet.png` and `camera.json`, then both reports.
 pub fn write(
     job: &Job,
     asset: &Asset,
@@ -53,8 +59,7 @@ pub fn write(
         io::camera_json::write(&names.camera, &take.camera)?;
         shown.push(clock.time("pictures", || pictures(asset, take, &names, progress))?);
     }
-    let timings = clock.stages.iter().map(|(k, v)| (k.clone(), (*v).into())).collect();
-    report.timings = serde_json::Value::Object(timings);
+    report.timings = clock.to_json();
     let json = serde_json::to_string_pretty(report).expect("a report has string keys and finite numbers") + "\n";
     io::write_atomically(folder.join("report.json"), |w| w.write_all(json.as_bytes()))?;
     let page = html::page(report, &shown);
@@ -64,19 +69,34 @@ pub fn write(
 
 fn pictures(asset: &Asset, take: &Take, names: &Names, progress: &mut Progress) -> Result<Shown, Error> {
     let stage = Stage::new(asset, take)?;
+    film(&stage, &names.views, (0.0, 0.7), take.motion.fps, |t| stage.views(t), progress)?;
+    film(&stage, &names.residuals, (0.7, 1.0), take.motion.fps, |t| stage.residuals(t), progress)?;
+    write_png(&names.sheet, &stage.contact_sheet())?;
+    let bytes = |path: &Path| std::fs::read(path).map_err(Error::io(path));
+    let residuals = names.residuals.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(Shown { views: bytes(&names.views)?, sheet: bytes(&names.sheet)?, residuals })
+}
+
+/// Draws and writes a video; `share` is the part of the progress that it takes.
+fn film(
+    stage: &Stage,
+    path: &Path,
+    share: (f64, f64),
+    fps: f64,
+    draw: impl Fn(usize) -> Image,
+    progress: &mut Progress,
+) -> Result<(), Error> {
     let frames = stage.frames();
     let mut stop = Ok(());
     let mut drawn = (0..frames).map_while(|t| {
-        stop = tell(progress, Event::Step { done: t as f64 / frames as f64, loss: None });
-        stop.is_ok().then(|| stage.views(t))
+        let done = share.0 + (share.1 - share.0) * t as f64 / frames as f64;
+        stop = tell(progress, Event::Step { done, loss: None });
+        stop.is_ok().then(|| draw(t))
     });
-    let written = write_mp4(&names.views, &mut drawn, take.motion.fps);
+    let written = write_mp4(path, &mut drawn, fps);
     if stop.is_err() {
-        let _ = std::fs::remove_file(&names.views);
+        let _ = std::fs::remove_file(path);
         stop?;
     }
-    written?;
-    write_png(&names.sheet, &stage.contact_sheet())?;
-    let bytes = |path: &Path| std::fs::read(path).map_err(Error::io(path));
-    Ok(Shown { views: bytes(&names.views)?, sheet: bytes(&names.sheet)? })
+    Ok(written?)
 }

@@ -20,6 +20,8 @@ pub struct Shown {
     pub views: Vec<u8>,
     /// The PNG's bytes.
     pub sheet: Vec<u8>,
+    /// File name of the video of residuals, beside the page.
+    pub residuals: String,
 }
 
 /// The page.
@@ -48,7 +50,8 @@ fn clip_section(out: &mut String, clip: &ClipReport, shown: &Shown) {
         out,
         "<h2>{}</h2><p>{} frames at {:.3} frames a second, {}×{} px (file: {}×{} px). Video, result, and the result turned by 45° to either side:</p>\
          <video controls loop muted autoplay playsinline src=\"data:video/mp4;base64,{}\"></video>\
-         <p>Eight frames: video, result, outline and skeleton over the video.</p><img alt=\"contact sheet\" src=\"data:image/png;base64,{}\">",
+         <p>Eight frames: video, result, outline and skeleton over the video.</p><img alt=\"contact sheet\" src=\"data:image/png;base64,{}\">\
+         <p>Where result and video disagree: <a href=\"{}\">{}</a> (warm: colour; blue: the model sticks out; red: it does not reach).</p>",
         escape(&clip.name),
         clip.frames,
         clip.fps,
@@ -58,6 +61,8 @@ fn clip_section(out: &mut String, clip: &ClipReport, shown: &Shown) {
         clip.native_size_px[1],
         STANDARD.encode(&shown.views),
         STANDARD.encode(&shown.sheet),
+        escape(&shown.residuals),
+        escape(&shown.residuals),
     );
     out.push_str("<h3>What was uncertain</h3>");
     if clip.uncertain.is_empty() {

@@ -5,12 +5,15 @@
 
 mod chart;
 mod deliver;
+mod fit;
 mod html;
 mod motion;
 mod options;
 mod report;
+mod residual;
 mod sheet;
 
+pub use fit::fit;
 pub use options::Job;
 pub use report::{ClipReport, LossCurve, Report};
 
@@ -58,12 +61,19 @@ impl Clock {
     fn time<T>(&mut self, name: &str, work: impl FnOnce() -> Result<T, Error>) -> Result<T, Error> {
         let start = Instant::now();
         let out = work();
-        let secs = start.elapsed().as_secs_f64();
+        self.add(name, start.elapsed().as_secs_f64());
+        out
+    }
+
+    fn add(&mut self, name: &str, secs: f64) {
         match self.stages.iter_mut().find(|s| s.0 == name) {
             Some(s) => s.1 += secs,
             None => self.stages.push((name.to_owned(), secs)),
         }
-        out
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        self.stages.iter().map(|(k, v)| (k.clone(), (*v).into())).collect::<serde_json::Map<_, _>>().into()
     }
 }
 
@@ -74,6 +84,16 @@ impl Clock {
 pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     let mut clock = Clock::default();
     job.check()?;
+    if job.out.is_file() {
+        return Err(Error::Input(format!("{}: is a file, the results need a folder", job.out.display())));
+    }
+    let (asset, takes, mut report) = solve(job, &mut clock, progress)?;
+    deliver::write(job, &asset, &takes, &mut report, &mut clock, progress)?;
+    Ok(report)
+}
+
+/// Finds the motion in every video and measures it.
+fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset, Vec<Take>, Report), Error> {
     tell(progress, Event::Stage { name: "reading" })?;
     let asset = clock.time("read", || read_model(&job.model))?;
     for warning in &asset.warnings {
@@ -84,16 +104,15 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     let names = job.clip_names();
     let mut takes = Vec::new();
     for (index, name) in names.into_iter().enumerate() {
-        takes.push(take(job, model, index, name, &mut clock, progress)?);
+        takes.push(take(job, model, index, name, clock, progress)?);
     }
     let mut clips = Vec::new();
     for take in &takes {
         tell(progress, Event::Stage { name: "measuring" })?;
         clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
-    let mut report = Report::new(job, &asset, clips);
-    deliver::write(job, &asset, &takes, &mut report, &mut clock, progress)?;
-    Ok(report)
+    let report = Report::new(job, &asset, clips);
+    Ok((asset, takes, report))
 }
 
 fn read_model(path: &Path) -> Result<Asset, Error> {
@@ -145,9 +164,15 @@ fn take(
         clock.time("masks", || crate::cues::refine_masks(&video, &silhouette, &mut found))?;
     }
     tell(progress, Event::Stage { name: "motion" })?;
-    let solved = clock.time("motion", || {
-        motion::find(model.solved, &camera.main, &found.cues, &found.background, &video, &name, progress)
-    })?;
+    let scene = motion::Scene {
+        asset: model.solved,
+        camera: &camera.main,
+        video: &video,
+        cues: &found.cues,
+        background: &found.background,
+    };
+    let solved = motion::find(&scene, job.preset, &name, progress)?;
+    solved.seconds.iter().for_each(|(part, secs)| clock.add(&format!("motion: {part}"), *secs));
     Ok(Take {
         name,
         video,

@@ -5,17 +5,36 @@ use crate::Error;
 use crate::cues::dense_flow;
 use crate::event::{Event, Progress};
 use crate::pictures::background_picture;
-use animimic_fit::stage1::{self, Settings};
-use animimic_scene::{Asset, Camera, Cues, Image, Motion, Video};
-use animimic_video::cues::Background;
+use animimic_fit::stage1::subject::Subject;
+use animimic_fit::stage1::{self, Input, Settings};
+use animimic_fit::{FitError, Preset, reference};
+use animimic_scene::{Asset, Camera, Cues, Image, Motion, Tracks, Video};
+use animimic_video::cues::{self, Background};
 use rayon::prelude::*;
 use std::ops::ControlFlow;
+use std::time::Instant;
 
 /// What stage 1 found.
 pub struct Solved {
     pub motion: Motion,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
+    /// Wall time of each part of the fit [s].
+    pub seconds: Vec<(&'static str, f64)>,
+}
+
+/// What motion is found from.
+pub struct Scene<'a> {
+    /// The rigged model.
+    pub asset: &'a Asset,
+    /// The video's camera.
+    pub camera: &'a Camera,
+    /// The video.
+    pub video: &'a Video,
+    /// Its cues.
+    pub cues: &'a Cues,
+    /// What is behind the object.
+    pub background: &'a Background,
 }
 
 /// Frames that look this unlike the video (mean colour difference over the object, with a penalty where only one of both
@@ -23,38 +42,99 @@ pub struct Solved {
 const UNLIKE: f64 = 0.08;
 
 /// Finds the motion in a video.
-pub fn find(
-    asset: &Asset,
-    camera: &Camera,
-    cues: &Cues,
-    background: &Background,
-    video: &Video,
-    name: &str,
-    progress: &mut Progress,
-) -> Result<Solved, Error> {
+pub fn find(scene: &Scene, preset: Preset, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
+    let frames = &scene.video.frames;
     let backgrounds: Vec<Image> =
-        (0..video.frames.len()).into_par_iter().map(|t| background_picture(background, &video.frames[t], t)).collect();
-    let input = stage1::Input {
-        asset,
-        camera,
-        frames: &video.frames,
-        masks: &cues.masks,
+        (0..frames.len()).into_par_iter().map(|t| background_picture(scene.background, &frames[t], t)).collect();
+    let given = Some(&scene.cues.tracks).filter(|t| !t.query_frame.is_empty());
+    let input = Input {
+        asset: scene.asset,
+        camera: scene.camera,
+        frames,
+        masks: &scene.cues.masks,
         backgrounds: &backgrounds,
         flow: &dense_flow,
-        tracks: Some(&cues.tracks).filter(|t| !t.query_frame.is_empty()),
-        depth: &cues.depth,
-        depth_kind: cues.depth_kind,
+        tracks: given,
+        depth: &scene.cues.depth,
+        depth_kind: scene.cues.depth_kind,
     };
-    let mut step = |done: f64| -> ControlFlow<()> { progress(Event::Step { done, loss: None }) };
-    let outcome = stage1::fit(&input, Settings::default(), name, video.fps, &mut step)?;
+    match preset {
+        Preset::Default => by_default(&input, scene.video.fps, name, progress),
+        Preset::Reference => {
+            let tracks = own_tracks(scene);
+            by_reference(&Input { tracks: given.or(Some(&tracks)), ..input }, scene.video.fps, name, progress)
+        }
+    }
+}
+
+/// Point tracks of the embedded tracker.
+fn own_tracks(scene: &Scene) -> Tracks {
+    cues::tracks(scene.video, &scene.cues.masks, &cues::TrackOptions::default())
+}
+
+/// Time spent in each part, in the order in which they began.
+struct Stopwatch {
+    running: (&'static str, Instant),
+    seconds: Vec<(&'static str, f64)>,
+}
+
+impl Stopwatch {
+    fn new(first: &'static str) -> Self {
+        Self { running: (first, Instant::now()), seconds: Vec::new() }
+    }
+
+    /// Another part begins, or the same goes on.
+    fn enter(&mut self, part: &'static str) {
+        if part == self.running.0 {
+            return;
+        }
+        let (name, since) = std::mem::replace(&mut self.running, (part, Instant::now()));
+        let spent = since.elapsed().as_secs_f64();
+        match self.seconds.iter_mut().find(|s| s.0 == name) {
+            Some(s) => s.1 += spent,
+            None => self.seconds.push((name, spent)),
+        }
+    }
+
+    fn stop(mut self) -> Vec<(&'static str, f64)> {
+        self.enter("");
+        self.seconds
+    }
+}
+
+fn by_default(input: &Input, fps: f64, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
+    let mut watch = Stopwatch::new(stage1::Phase::Track.name());
+    let mut step = |phase: stage1::Phase, done: f64| -> ControlFlow<()> {
+        watch.enter(phase.name());
+        progress(Event::Step { done, loss: None })
+    };
+    let outcome = stage1::fit(input, Settings::default(), name, fps, &mut step)?;
     let unlike = outcome.mismatch.iter().filter(|m| **m > UNLIKE).count();
     let mut uncertain = Vec::new();
     if unlike > 0 {
-        uncertain.push(format!("motion: {unlike} of {} frames do not look like the video", video.frames.len()));
+        uncertain.push(format!("motion: {unlike} of {} frames do not look like the video", input.frames.len()));
     }
-    let losses = vec![
-        LossCurve { stage: "joint solve of all frames".into(), values: outcome.energies },
-        LossCurve { stage: "unlikeness per frame".into(), values: outcome.mismatch },
-    ];
-    Ok(Solved { motion: outcome.motion, losses, uncertain })
+    let mut losses = vec![LossCurve::new("joint solve of all frames", outcome.energies)];
+    losses.extend(outcome.curves.into_iter().map(|c| LossCurve::new(&format!("polish: {}", c.name), c.values)));
+    losses.push(LossCurve::new("unlikeness per frame", outcome.mismatch));
+    Ok(Solved { motion: outcome.motion, losses, uncertain, seconds: watch.stop() })
+}
+
+fn by_reference(input: &Input, fps: f64, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
+    let watch = Stopwatch::new("reference");
+    let subject = Subject::new(input.asset).map_err(FitError::from)?;
+    let light = stage1::first_light(input, &subject)?;
+    let kinematics = reference::free(&subject.tree.kinematics);
+    let loss = reference::Loss::new(input, &subject, &kinematics, &light);
+    let mut step = |done: f64, loss: Option<f64>| -> ControlFlow<()> { progress(Event::Step { done, loss }) };
+    let run = reference::run(&loss, input.frames.len(), &reference::Schedule::default(), &mut step)?;
+    let poses = run.poses.iter().map(|f| subject.file_pose(f)).collect();
+    let mut losses = vec![LossCurve::new("total loss, all frames together", run.losses)];
+    losses.extend(run.parts.into_iter().map(|c| LossCurve::new(&format!("loss: {}", c.name), c.values)));
+    Ok(Solved {
+        motion: Motion { name: name.into(), fps, poses },
+        losses,
+        uncertain: Vec::new(),
+        seconds: watch.stop(),
+    })
 }

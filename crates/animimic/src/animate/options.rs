@@ -2,6 +2,7 @@
 
 use crate::Error;
 use crate::camera::CameraChoice;
+use animimic_fit::Preset;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -28,6 +29,8 @@ pub struct Job {
     pub tracks: Vec<PathBuf>,
     /// Depth made elsewhere (npz or folder of 16-bit PNGs), in the order of the videos.
     pub depth: Vec<PathBuf>,
+    /// How the motion is found.
+    pub preset: Preset,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -49,6 +52,7 @@ impl Job {
             masks: Vec::new(),
             tracks: Vec::new(),
             depth: Vec::new(),
+            preset: Preset::Default,
             seed: 0,
         }
     }
@@ -69,9 +73,6 @@ impl Job {
         }
         if !HEIGHTS_PX.contains(&self.height_px) {
             return Err(Error::Input(format!("working height {} px: use 64 to 2160", self.height_px)));
-        }
-        if self.out.is_file() {
-            return Err(Error::Input(format!("{}: is a file, the results need a folder", self.out.display())));
         }
         Ok(())
     }

@@ -57,6 +57,12 @@ pub struct LossCurve {
     pub values: Vec<f64>,
 }
 
+impl LossCurve {
+    pub(super) fn new(stage: &str, values: Vec<f64>) -> Self {
+        Self { stage: stage.into(), values }
+    }
+}
+
 /// Below this overlap of model and object in frame 0, the camera is in doubt.
 const DOUBTFUL_CAMERA_IOU: f64 = 0.9;
 /// Below this, the mask provider doubts its background.
@@ -66,6 +72,7 @@ impl Report {
     pub(super) fn new(job: &Job, asset: &Asset, clips: Vec<ClipReport>) -> Self {
         let options = serde_json::json!({
             "camera": job.camera.to_string(), "height_px": job.height_px, "seed": job.seed,
+            "preset": job.preset.name(),
             "frames": job.frames.as_ref().map(|f| [f.start, f.end]),
         });
         let mesh = &asset.mesh;

@@ -1,8 +1,9 @@
 //! Videos and contact sheets of a take.
 
 use super::Take;
+use super::residual::heat_map;
 use crate::camera::side_views;
-use crate::pictures::{Studio, border_color};
+use crate::pictures::{Studio, background_picture, border_color};
 use animimic_render::overlay;
 use animimic_scene::{Asset, Camera, Image, Pose};
 use glam::DVec3;
@@ -52,6 +53,15 @@ impl<'a> Stage<'a> {
             overlay::text(&mut out, k * video.width + 8, 8, label, 1, INK);
         }
         out
+    }
+
+    /// Where result and video disagree in frame `t`.
+    pub fn residuals(&self, t: usize) -> Image {
+        let video = &self.take.video.frames[t];
+        let behind = background_picture(&self.take.background, video, t);
+        let x = posed(self.asset, &self.take.motion.poses[t]);
+        let (drawn, coverage) = self.studio.draw_over(&self.take.camera.main, &x, &behind);
+        heat_map(video, &self.take.cues.masks[t], &drawn, &coverage)
     }
 
     /// Eight frames in three rows: video, result, and the result's outline and bones over the video.

@@ -7,6 +7,7 @@
 //! 3. All frames together ([`solve::Stage::refine`]), coupled by smoothness over time; priors step back round by round.
 //! 4. Limbs that may lean the other way are mirrored where the frames then look better ([`flips`]).
 //! 5. All frames together at full strength, each point as smooth as itself ([`solve::Stage::finish`], [`liveliness`]).
+//! 6. The polish ([`polish`]): all terms with rendered colour and silhouette.
 //!
 //! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
@@ -16,6 +17,7 @@ pub mod correspond;
 pub mod flips;
 pub mod given;
 pub mod liveliness;
+pub mod polish;
 pub mod search;
 pub mod settings;
 pub mod sight;
@@ -30,6 +32,7 @@ use animimic_scene::{Asset, Camera, DepthKind, DepthMap, Image, Mask, Motion, Tr
 use contour::Contour;
 use correspond::{Flow, Frame, contour_bias};
 use given::Given;
+pub use polish::Curve;
 use rayon::prelude::*;
 use search::mismatch;
 pub use settings::Settings;
@@ -70,15 +73,46 @@ pub struct Outcome {
     pub motion: Motion,
     /// Energy after each step of the final joint solve.
     pub energies: Vec<f64>,
+    /// Energy of each term after each step of the polish.
+    pub curves: Vec<Curve>,
     /// How unlike the video each frame looks, in [0, 1].
     pub mismatch: Vec<f64>,
 }
 
-/// How far the fit has come, in [0, 1]; `Break` stops it.
-pub type Progress<'a> = dyn FnMut(f64) -> ControlFlow<()> + 'a;
+/// What the fit is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Frame by frame.
+    Track,
+    /// All frames together, redrawn round by round.
+    Refine,
+    /// Limbs mirrored in depth.
+    Flip,
+    /// All frames together, with rendered losses.
+    Polish,
+}
 
-/// Share of the time that tracking takes, for the progress bar.
+impl Phase {
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::Track => "tracking",
+            Phase::Refine => "refinement",
+            Phase::Flip => "flips",
+            Phase::Polish => "polish",
+        }
+    }
+}
+
+/// What goes on from now, and how far the fit has come, in [0, 1]; `Break` stops it.
+pub type Progress<'a> = dyn FnMut(Phase, f64) -> ControlFlow<()> + 'a;
+
+/// Share of the time of a hypothesis that tracking takes, and where in the fit the later parts begin, for the progress bar.
 const TRACKING_SHARE: f64 = 0.6;
+const FINISH_AT: f64 = 0.75;
+const FLIPS_AT: f64 = 0.8;
+const FLIPPED_AT: f64 = 0.85;
+const POLISH_AT: f64 = 0.93;
 
 /// Finds the motion of a rigged model in a video.
 ///
@@ -96,16 +130,20 @@ pub fn fit(
     let light = first_light(input, &subject)?;
     let stage = stage(input, &subject, &light, settings);
     let mut frames = best_hypothesis(&stage, progress)?;
+    let mut go_on = |phase, done| if progress(phase, done).is_break() { Err(FitError::Stopped) } else { Ok(()) };
     let rounds = stage.settings.final_rounds;
+    go_on(Phase::Refine, FINISH_AT)?;
     stage.finish(&mut frames, rounds / 2);
+    go_on(Phase::Flip, FLIPS_AT)?;
     stage.flip_limbs(&mut frames);
+    go_on(Phase::Refine, FLIPPED_AT)?;
     let energies = stage.finish(&mut frames, rounds - rounds / 2);
-    if progress(1.0).is_break() {
-        return Err(FitError::Stopped);
-    }
+    go_on(Phase::Polish, POLISH_AT)?;
+    let curves = stage.polish(&mut frames);
     let mismatch = stage.mismatches(&frames);
     let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
-    Ok(Outcome { motion: Motion { name: name.into(), fps, poses }, frames, energies, mismatch })
+    let motion = Motion { name: name.into(), fps, poses };
+    Ok(Outcome { motion, frames, energies, curves, mismatch })
 }
 
 /// How many times less like the video a motion that follows the rig's hinges may look and still be preferred.
@@ -123,11 +161,11 @@ fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePo
         if best.as_ref().is_some_and(|b| b.0 < GOOD * stage.usual_mismatch) {
             break;
         }
-        let mut tracked = |t: usize| {
-            let done = TRACKING_SHARE * t as f64 / count as f64;
-            progress((k as f64 + done) / guesses.len() as f64)
-        };
-        let mut frames = stage.track(weight, &mut tracked)?;
+        let mut share = |phase, done: f64| progress(phase, FINISH_AT * (k as f64 + done) / guesses.len() as f64);
+        let mut frames = stage.track(weight, &mut |t| share(Phase::Track, TRACKING_SHARE * t as f64 / count as f64))?;
+        if share(Phase::Refine, TRACKING_SHARE).is_break() {
+            return Err(FitError::Stopped);
+        }
         stage.refine(&mut frames, weight);
         let unlike = stage.mismatches(&frames).iter().sum::<f64>() / count as f64;
         // What the rig suggests is given up only where the frames clearly speak against it.

@@ -63,6 +63,12 @@ pub struct Settings {
     pub batch_rounds: usize,
     /// Rounds after that, at the final strength and with each point's own smoothness.
     pub final_rounds: usize,
+    /// Weight of a frame's rendered colour loss [1].
+    pub rgb: f64,
+    /// Weight of a frame's rendered silhouette loss [1].
+    pub mask: f64,
+    /// Steps of the last solve, with the rendered losses.
+    pub polish_steps: usize,
 }
 
 impl Default for Settings {
@@ -97,6 +103,9 @@ impl Default for Settings {
             lively_velocity: 0.01,
             batch_rounds: 4,
             final_rounds: 6,
+            rgb: 20000.0,
+            mask: 5000.0,
+            polish_steps: 12,
         }
     }
 }

@@ -62,12 +62,29 @@ impl Stage<'_> {
         strength: Strength,
         iterations: usize,
     ) -> Vec<f64> {
+        let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
+        let smoothness = self.smoothing(poses, strength.smoothing);
+        self.with_problem(poses.len(), active.clone(), found, strength, &smoothness, |problem| {
+            solve(problem, poses, active, &options).energies
+        })
+    }
+
+    /// Assembles all terms of the frames in `active` and hands them over.
+    pub(super) fn with_problem<R>(
+        &self,
+        count: usize,
+        active: Range<usize>,
+        found: &[Correspondences],
+        strength: Strength,
+        smoothness: &Smoothness,
+        work: impl FnOnce(&Problem) -> R,
+    ) -> R {
         let s = &self.settings;
         let huber_px = strength.huber_px;
         let kinematics = &self.subject.tree.kinematics;
         let mut anchors = self.subject.balls.anchors.clone();
         let mut flow = Pixels {
-            targets: vec![Vec::new(); poses.len()],
+            targets: vec![Vec::new(); count],
             robust: Robust::Huber(huber_px),
             weight: s.flow * strength.flow,
         };
@@ -75,7 +92,7 @@ impl Stage<'_> {
             Pixels { weight: s.contour, robust: Robust::Huber(huber_px.max(CONTOUR_HUBER_PX)), ..flow.clone() };
         let mut tracks = Pixels { weight: s.tracks, ..flow.clone() };
         let mut depth = Depth {
-            targets: vec![Vec::new(); poses.len()],
+            targets: vec![Vec::new(); count],
             sigma: self.given.depth_sigma(),
             robust: Robust::Huber(DEPTH_HUBER),
             weight: s.depth,
@@ -106,17 +123,16 @@ impl Stage<'_> {
         let priors = self.priors(strength);
         let penetration =
             Penetration { pairs: &self.subject.balls.pairs, weight: s.penetration / self.subject.diagonal.powi(2) };
-        let smoothness = self.smoothing(poses, strength.smoothing);
         let problem = Problem {
             context: Context { kinematics, camera: self.studio.camera, anchors: &anchors, columns: &columns },
             terms: vec![&flow, &contour, &tracks, &depth, &priors, &penetration],
-            smoothness: Some(&smoothness),
+            smoothness: Some(smoothness),
         };
-        let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
-        solve(&problem, poses, active, &options).energies
+        work(&problem)
     }
 
-    fn smoothing(&self, poses: &[FramePose], smoothing: Smoothing) -> Smoothness {
+    /// The smoothness that a strength asks for, at some poses.
+    pub(super) fn smoothing(&self, poses: &[FramePose], smoothing: Smoothing) -> Smoothness {
         let own = match smoothing {
             Smoothing::Uniform(factor) => return self.smoothness(factor),
             Smoothing::Lively => self.lively_smoothness(poses),
@@ -227,7 +243,7 @@ impl Stage<'_> {
 
     /// Further rounds at the final strength, each point as smooth as itself. Returns the energies of the last solve.
     pub fn finish(&self, poses: &mut [FramePose], rounds: usize) -> Vec<f64> {
-        let strength = Strength { smoothing: Smoothing::Lively, ..self.final_strength() };
+        let strength = self.finishing_strength();
         let mut energies = Vec::new();
         for _ in 0..rounds {
             energies = self.refine_once(poses, strength);
@@ -251,8 +267,13 @@ impl Stage<'_> {
         self.strength(1.0, self.settings.final_priors)
     }
 
+    /// The same with each point as smooth as itself.
+    pub(super) fn finishing_strength(&self) -> Strength {
+        Strength { smoothing: Smoothing::Lively, ..self.final_strength() }
+    }
+
     /// Strength at a share `u` of refinement.
-    fn strength(&self, u: f64, guesses: f64) -> Strength {
+    pub fn strength(&self, u: f64, guesses: f64) -> Strength {
         let s = &self.settings;
         Strength {
             huber_px: geometric((s.huber_px.1, s.final_huber_px), u),

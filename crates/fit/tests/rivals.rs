@@ -4,6 +4,8 @@
 mod maskgrad;
 #[path = "../examples/rivals/quadruped.rs"]
 mod quadruped;
+#[path = "../examples/rivals/refine.rs"]
+mod refine;
 
 use std::path::Path;
 
@@ -22,4 +24,12 @@ fn the_mask_gradient_to_93_pose_parameters_is_at_least_as_good_as_edgegrads() {
     let q = maskgrad::quality(data);
     println!("cosine {:.5}, norm ratio {:.4}, relative error {:.4}", q.cosine, q.norm_ratio, q.relative_error);
     assert!(q.cosine >= 0.9996 && (q.norm_ratio - 1.0).abs() <= 0.02 && q.relative_error <= 0.03);
+}
+
+#[test]
+fn poses_are_refined_by_colour_and_mask_from_68_mm_to_about_a_centimetre_from_any_start() {
+    let Some(data) = data() else { return };
+    let r = refine::refinement(data);
+    println!("{:.0} mm → {:.1?}, median {:.1} mm", r.start_mm, r.end_mm, r.median_mm());
+    assert!(r.end_mm.len() >= 10 && r.median_mm() <= 10.0 && r.end_mm.iter().all(|&e| e <= 15.0));
 }

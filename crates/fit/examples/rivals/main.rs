@@ -1,12 +1,14 @@
 //! The renderer against recorded rivals: speed and gradient quality.
 //!
-//! `cargo run --release -p animimic-render --example rivals -- DIR` with DIR the folder of the recorded scenes
+//! `cargo run --release -p animimic-fit --example rivals -- DIR` with DIR the folder of the recorded scenes
 //! (`data/quad_*.npz`, `data/maskgrad.npz`). One JSON line per mesh and size (CPU milliseconds of one thread, the least of
-//! several repetitions), then one for the mask gradient test. With a second argument, the path of `docs/benchmarks.md`, the
+//! several repetitions), then one for the mask gradient test and one for the refinement of a
+//! pose. With a second argument, the path of `docs/benchmarks.md`, the
 //! table there is written anew.
 
 mod maskgrad;
 mod quadruped;
+mod refine;
 
 use animimic_render::{Cotangents, Light, NONE, Rendered, render_into, render_vjp};
 use quadruped::Quadruped;
@@ -18,18 +20,26 @@ const REPETITIONS: usize = 40;
 const RECORDED_MS: [(u32, [f64; 3]); 2] = [(256, [22.5, 23.2, 28.3]), (512, [99.5, 103.0, 110.0])];
 
 /// Writes the renderer's table between its marks in `docs/benchmarks.md`.
-fn write_table(path: &str, rows: &str, q: &maskgrad::Quality) {
+fn write_table(path: &str, rows: &str, q: &maskgrad::Quality, r: &refine::Refinement) {
     const MARKS: [&str; 2] = ["<!-- renderer: generated -->", "<!-- /renderer -->"];
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let generated = format!(
         "{}\nCPU milliseconds of one thread, colour and mask, forward and backward to the vertices; the least of {REPETITIONS} runs.\n\n\
          | mesh | size | forward | backward | both | DRTK, recorded | against recorded |\n|---|---|---|---|---|---|---|\n{rows}\n\
          Mask gradient to 93 pose parameters against 8×8-supersampled differences: cosine {:.5} (EdgeGrad 0.9996), norm ratio {:.4} \
-         (0.998), error {:.2} % (3 %).\n{}",
+         (0.998), error {:.2} % (3 %).\n\n\
+         Pose refinement by colour and mask, {} steps of Adam, {} random starts {:.0} mm away: {:.1} mm (median; {:.1} to {:.1}). \
+         EdgeGrad's recorded run ended at 5.0 mm; its start was not recorded.\n{}",
         MARKS[0],
         q.cosine,
         q.norm_ratio,
         100.0 * q.relative_error,
+        refine::STEPS,
+        r.end_mm.len(),
+        r.start_mm,
+        r.median_mm(),
+        r.end_mm[0],
+        r.end_mm[r.end_mm.len() - 1],
         MARKS[1]
     );
     let text = match (text.find(MARKS[0]), text.find(MARKS[1])) {
@@ -92,11 +102,20 @@ fn main() {
         }
     }
     let q = maskgrad::quality(&data);
+    let r = refine::refinement(&data);
     if let Some(path) = std::env::args().nth(2) {
-        write_table(&path, &table, &q);
+        write_table(&path, &table, &q, &r);
     }
     println!(
         r#"{{"gradient_cosine": {:.5}, "norm_ratio": {:.4}, "rel_error": {:.4}}}"#,
         q.cosine, q.norm_ratio, q.relative_error
+    );
+    println!(
+        r#"{{"refine_start_mm": {:.1}, "refine_end_mm": {:.1}, "least": {:.1}, "most": {:.1}, "starts": {}}}"#,
+        r.start_mm,
+        r.median_mm(),
+        r.end_mm[0],
+        r.end_mm[r.end_mm.len() - 1],
+        r.end_mm.len()
     );
 }

@@ -1,0 +1,93 @@
+//! What `animate` and `fit` have in common.
+
+use crate::Common;
+use animimic::camera::CameraChoice;
+use animimic::{Job, Preset, Report};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// Options that shape the motion that is found.
+#[derive(clap::Args)]
+pub struct Fitting {
+    /// Camera of the videos: auto, a camera.json, or preset:NAME (see `animimic list cameras`)
+    #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto")]
+    pub camera: CameraChoice,
+    /// Name of the clip in the GLB; once per video [default: the video's file name]
+    #[arg(long = "clip", value_name = "NAME")]
+    pub clips: Vec<String>,
+    /// Use only frames A up to, not including, B of each video
+    #[arg(long, value_name = "A..B", value_parser = range)]
+    pub frames: Option<Range<usize>>,
+    /// Masks made elsewhere (npz or folder of PNGs) instead of found ones; once per video
+    #[arg(long = "mask", value_name = "FILE|DIR")]
+    pub masks: Vec<PathBuf>,
+    /// Point tracks made elsewhere (npz: tracks, visibility, queries; pixels of the video's own size); once per video
+    #[arg(long = "tracks", value_name = "FILE")]
+    pub tracks: Vec<PathBuf>,
+    /// Depth made elsewhere (npz, or folder of 16-bit PNGs), up to scale and shift per frame; once per video
+    #[arg(long = "depth", value_name = "FILE|DIR")]
+    pub depth: Vec<PathBuf>,
+    /// Height at which the video is worked on [px]; never enlarged
+    #[arg(long, value_name = "PX", default_value_t = 512)]
+    pub height: usize,
+    /// How the motion is found (see `animimic list presets`)
+    #[arg(long, value_name = "NAME", default_value_t = Preset::Default)]
+    pub preset: Preset,
+}
+
+impl Fitting {
+    /// The job that the options ask for.
+    pub fn job(&self, model: &Path, videos: Vec<PathBuf>, out: &Path, common: &Common) -> Job {
+        Job {
+            camera: self.camera.clone(),
+            clips: self.clips.clone(),
+            frames: self.frames.clone(),
+            height_px: self.height,
+            masks: self.masks.clone(),
+            tracks: self.tracks.clone(),
+            depth: self.depth.clone(),
+            preset: self.preset,
+            seed: common.seed,
+            ..Job::new(model, videos, out)
+        }
+    }
+}
+
+/// A report in a few lines for people.
+pub fn words(report: &Report) -> String {
+    let mut text = String::new();
+    for clip in &report.clips {
+        let number = |key: &str| clip.metrics.get(key).and_then(|v| v.as_f64());
+        text += &format!("{}: {} frames", clip.name, clip.frames);
+        for (key, words) in [("iou_main", "mask IoU"), ("ssim", "SSIM"), ("psnr_box_db", "PSNR of the object")] {
+            if let Some(v) = number(key) {
+                text += &format!(", {words} {v:.3}");
+            }
+        }
+        text += "\n";
+        clip.uncertain.iter().for_each(|doubt| text += &format!("  uncertain: {doubt}\n"));
+    }
+    text
+}
+
+/// `A..B`, `A..` or `..B`.
+fn range(text: &str) -> Result<Range<usize>, String> {
+    let (a, b) = text.split_once("..").ok_or("write A..B, for example 0..48")?;
+    let number =
+        |s: &str, default| if s.is_empty() { Ok(default) } else { s.parse::<usize>().map_err(|e| e.to_string()) };
+    let (a, b) = (number(a, 0)?, number(b, usize::MAX)?);
+    if b < a.saturating_add(2) { Err("at least two frames are needed".into()) } else { Ok(a..b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::range;
+
+    #[test]
+    fn frame_ranges_may_be_open_and_must_hold_two_frames() {
+        assert_eq!(range("3..9"), Ok(3..9));
+        assert_eq!(range("..9"), Ok(0..9));
+        assert_eq!(range("3.."), Ok(3..usize::MAX));
+        assert!(range("3..4").is_err() && range("x..4").is_err() && range("7").is_err());
+    }
+}

@@ -1,0 +1,237 @@
+//! Our solvers against the paper's recipe, on the same loss.
+//!
+//! `cargo run --release -p animimic --example reference_recipe -- [--frames N] CASE...`, a CASE being a folder with `static.glb`,
+//! `video.mp4` and `camera.json`. Masks and tracks are the embedded ones and are made once, before any clock starts. For each
+//! case prints the total loss L of the reference (`fit::reference`) at its full iteration count and its CPU seconds, then L along
+//! two ways of ours, the CPU seconds at which each is first below that, and the ratio:
+//! - `same loss`: Levenberg–Marquardt from the rest pose on the same tracks, all frames together, then L itself by L-BFGS in the
+//!   metric of the banded Hessian;
+//! - `default`: what `animate` does (tracking with several hypotheses, which does not read the tracks), refinement, polish.
+
+use animimic::camera;
+use animimic::cues::{Given, find};
+use animimic::pictures::background_picture;
+use animimic_fit::quasi_newton::{Evaluation, Objective, minimise};
+use animimic_fit::reference::{self, Loss, Parts, Schedule};
+use animimic_fit::stage1::solve::{Stage, Strength};
+use animimic_fit::stage1::subject::Subject;
+use animimic_fit::stage1::{self, Input, Settings};
+use animimic_math::block_tridiagonal::Factor;
+use animimic_rig::FramePose;
+use animimic_scene::{Image, io};
+use animimic_video::cues::{TrackOptions, tracks};
+use animimic_video::flow::{FlowOptions, Gray, dis};
+use std::error::Error;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+const HEIGHT_PX: usize = 512;
+/// Steps of L-BFGS on L.
+const STEPS: usize = 40;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut arguments = std::env::args().skip(1).peekable();
+    let mut frames = usize::MAX;
+    if arguments.peek().is_some_and(|a| a == "--frames") {
+        arguments.next();
+        frames = arguments.next().ok_or("--frames needs a number")?.parse()?;
+    }
+    for case in arguments {
+        compare(Path::new(&case), frames)?;
+    }
+    Ok(())
+}
+
+fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
+    let asset = io::read(case.join("static.glb"))?;
+    let options =
+        animimic_video::ReadOptions { working_height: Some(HEIGHT_PX), frames: Some(0..frames), ..Default::default() };
+    let video = animimic_video::read(&case.join("video.mp4"), &options)?;
+    let found = find(&video, &Given::default())?;
+    let (w, h) = (video.frames[0].width as u32, video.frames[0].height as u32);
+    let camera = camera::from_file(&case.join("camera.json"), w, h)?.main;
+    let backgrounds: Vec<Image> =
+        video.frames.iter().enumerate().map(|(t, frame)| background_picture(&found.background, frame, t)).collect();
+    let tracks = tracks(&video, &found.cues.masks, &TrackOptions::default());
+    let flow = |a: &Image, b: &Image| dis(&Gray::from_image(a), &Gray::from_image(b), &FlowOptions::default()).vectors;
+    let input = Input {
+        asset: &asset,
+        camera: &camera,
+        frames: &video.frames,
+        masks: &found.cues.masks,
+        backgrounds: &backgrounds,
+        flow: &flow,
+        tracks: Some(&tracks),
+        depth: &[],
+        depth_kind: Default::default(),
+    };
+    let subject = Subject::new(&asset)?;
+    let light = stage1::first_light(&input, &subject)?;
+    let tree = reference::free(&subject.tree.kinematics);
+    let loss = Loss::new(&input, &subject, &tree, &light);
+    let n = video.frames.len();
+    let rest = vec![subject.tree.kinematics.rest(); n];
+    println!("{} ({n} frames, {w}x{h}): at rest {}", case.display(), show(&loss.score(&rest)));
+
+    let start = cpu_seconds();
+    let run = reference::run(&loss, n, &Schedule::default(), &mut |_, _| ControlFlow::Continue(()))?;
+    let spent = cpu_seconds() - start;
+    let target = loss.score(&run.poses);
+    println!("  reference  {spent:7.1} s  {}", show(&target));
+
+    let mut race = Race {
+        loss: &loss,
+        target: target.total(),
+        reference_seconds: spent,
+        name: "same loss",
+        spent: 0.0,
+        first: None,
+    };
+    let stage = stage1::stage(&input, &subject, &light, Settings::default());
+    let mut poses = rest.clone();
+    let firm = Strength { huber_px: 2.0, ..stage.strength(0.0, 1.0) };
+    race.step(&mut poses, |poses| {
+        stage.refine_once(poses, firm);
+    });
+    let own = Loss::new(&input, &subject, &subject.tree.kinematics, &light);
+    race.same_loss(&mut poses, &own, &stage, firm)?;
+    race.end();
+
+    let mut race = Race { name: "default", spent: 0.0, first: None, ..race };
+    let stage = stage1::stage(&Input { tracks: None, ..input }, &subject, &light, Settings::default());
+    let mut poses = rest;
+    let mut failed = None;
+    race.step(&mut poses, |poses| match stage.track(1.0, &mut |_| ControlFlow::Continue(())) {
+        Ok(found) => *poses = found,
+        Err(e) => failed = Some(e),
+    });
+    failed.map_or(Ok(()), Err)?;
+    let rounds = stage.settings.batch_rounds;
+    for round in 0..rounds {
+        race.step(&mut poses, |poses| {
+            stage.refine_once(poses, stage.strength((round + 1) as f64 / rounds as f64, 1.0));
+        });
+    }
+    let rounds = stage.settings.final_rounds;
+    race.step(&mut poses, |poses| {
+        stage.finish(poses, rounds / 2);
+        stage.flip_limbs(poses);
+    });
+    race.step(&mut poses, |poses| {
+        stage.finish(poses, rounds - rounds / 2);
+    });
+    race.step(&mut poses, |poses| {
+        stage.polish(poses);
+    });
+    race.end();
+    Ok(())
+}
+
+/// One of our ways against the reference's end.
+struct Race<'a> {
+    loss: &'a Loss<'a>,
+    target: f64,
+    reference_seconds: f64,
+    name: &'static str,
+    spent: f64,
+    /// When the loss was first below the target [CPU s].
+    first: Option<f64>,
+}
+
+impl Race<'_> {
+    /// Times one step and scores where it leads; scoring is not timed.
+    fn step(&mut self, poses: &mut Vec<FramePose>, work: impl FnOnce(&mut Vec<FramePose>)) {
+        let start = cpu_seconds();
+        work(poses);
+        self.spent += cpu_seconds() - start;
+        let parts = self.loss.score(poses);
+        println!("  {:9}  {:7.1} s  {}", self.name, self.spent, show(&parts));
+        if parts.total() < self.target && self.first.is_none() {
+            self.first = Some(self.spent);
+        }
+    }
+
+    /// Minimises L itself.
+    fn same_loss(
+        &mut self,
+        poses: &mut Vec<FramePose>,
+        loss: &Loss,
+        stage: &Stage,
+        strength: Strength,
+    ) -> Result<(), Box<dyn Error>> {
+        let start = cpu_seconds();
+        let metric = stage.metric(poses, strength).ok_or("the metric is not positive definite")?;
+        // A pixel of a track costs this much in the stage's energy against L: a first guess, which L-BFGS corrects.
+        let scale = stage.settings.tracks * f64::from(stage.studio.camera.height) * poses.len() as f64 / 3.0;
+        let same = Same { loss, metric, scale };
+        let (end, history) = minimise(&same, std::mem::take(poses), STEPS, 1e-4);
+        *poses = end;
+        let spent = cpu_seconds() - start;
+        for (k, parts) in history.iter().enumerate().skip(1) {
+            let at = self.spent + spent * k as f64 / (history.len() - 1) as f64;
+            let total: f64 = parts.iter().sum();
+            println!("  {:9}  {at:7.1} s  L {total:.5}", self.name);
+            if total < self.target && self.first.is_none() {
+                self.first = Some(at);
+            }
+        }
+        self.spent += spent;
+        println!("  {:9}  {:7.1} s  {}", self.name, self.spent, show(&self.loss.score(poses)));
+        Ok(())
+    }
+
+    fn end(&self) {
+        match self.first {
+            Some(first) => {
+                println!(
+                    "  {} is below the reference after {first:.1} s: 1/{:.1}",
+                    self.name,
+                    self.reference_seconds / first
+                );
+            }
+            None => println!("  {} does not get below the reference", self.name),
+        }
+    }
+}
+
+/// L on the solver's own tree.
+struct Same<'a> {
+    loss: &'a Loss<'a>,
+    metric: Factor,
+    scale: f64,
+}
+
+impl Objective for Same<'_> {
+    type Point = Vec<FramePose>;
+
+    fn evaluate(&self, poses: &Vec<FramePose>) -> Evaluation {
+        let (parts, gradient) = self.loss.with_gradient(poses);
+        Evaluation { parts: parts.named().map(|(_, v)| v).to_vec(), gradient: gradient.concat() }
+    }
+
+    fn precondition(&self, gradient: &[f64]) -> Vec<f64> {
+        self.metric.solve(gradient).iter().map(|v| self.scale * v).collect()
+    }
+
+    fn retract(&self, poses: &Vec<FramePose>, step: &[f64]) -> Vec<FramePose> {
+        let tree = self.loss.kinematics();
+        poses.iter().zip(step.chunks_exact(tree.dimension)).map(|(p, s)| tree.retract(p, s)).collect()
+    }
+}
+
+fn show(parts: &Parts) -> String {
+    let named: Vec<String> = parts.named().iter().map(|(name, v)| format!("{name} {v:.5}")).collect();
+    format!("L {:.5} = {}", parts.total(), named.join(" + "))
+}
+
+/// CPU seconds of this process, all threads; not a number where the system does not tell.
+fn cpu_seconds() -> f64 {
+    /// Clock ticks a second in `/proc`, fixed by Linux's user interface.
+    const TICKS: f64 = 100.0;
+    let read = || -> Option<f64> {
+        let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+        let after_name: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+        Some((after_name.get(11)?.parse::<f64>().ok()? + after_name.get(12)?.parse::<f64>().ok()?) / TICKS)
+    };
+    read().unwrap_or(f64::NAN)
+}

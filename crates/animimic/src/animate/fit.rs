@@ -1,0 +1,27 @@
+//! Stage 1 alone: model and videos in, one animated GLB out, nothing else.
+
+use super::{Clock, Job, Report, solve};
+use crate::Error;
+use crate::event::{Event, Progress, tell};
+use animimic_scene::Motion;
+use animimic_scene::io::gltf::{ExportOptions, save_clips};
+
+/// Finds the motion in the job's videos and writes the animated model to the file `job.out`.
+///
+/// # Errors
+/// Anything that is wrong with the inputs, before anything is written; [`Error::Cancelled`] when `progress` says stop.
+pub fn fit(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
+    let mut clock = Clock::default();
+    job.check()?;
+    if job.out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("glb")) {
+        return Err(Error::Input(format!("{}: the result is a GLB: name a file that ends in .glb", job.out.display())));
+    }
+    let (asset, takes, mut report) = solve(job, &mut clock, progress)?;
+    tell(progress, Event::Stage { name: "writing" })?;
+    let motions: Vec<Motion> = takes.into_iter().map(|t| t.motion).collect();
+    let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
+    let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
+    save_clips(&job.out, &asset, &motions, &ExportOptions { extras, ..Default::default() })?;
+    report.timings = clock.to_json();
+    Ok(report)
+}

@@ -1,0 +1,76 @@
+//! A small video made by code, for tests.
+
+use crate::stage1::Input;
+use crate::stage1::sight::{Sight, Studio};
+use crate::stage1::subject::Subject;
+use animimic_render::Light;
+use animimic_rig::FramePose;
+use animimic_rig::fixtures::creature;
+use animimic_scene::{Asset, Camera, DepthKind, DepthMap, Image, Look, Mask, Part, Tracks};
+use glam::DVec3;
+
+/// Frames of the video.
+pub const FRAMES: usize = 4;
+const SIZE: usize = 128;
+
+fn asset() -> Asset {
+    let (rig, mut mesh) = creature();
+    mesh.parts =
+        vec![Part { vertices: 0..mesh.positions.len(), triangles: 0..mesh.triangles.len(), ..Part::default() }];
+    mesh.colors = mesh.positions.iter().map(|p| [0.3 + 0.2 * p.x as f32, 0.4, 0.6 - 0.1 * p.z as f32]).collect();
+    Asset { mesh, rig, looks: vec![Look { double_sided: true, ..Look::default() }], ..Asset::default() }
+}
+
+/// Calls `work` with a small video of the creature in motion, with exact masks, tracks and depth, and its true poses.
+pub fn with_video(work: impl FnOnce(&Input, &Subject, &[FramePose])) {
+    let asset = asset();
+    let subject = Subject::new(&asset).expect("can be drawn");
+    let camera = Camera::orbit(DVec3::new(1.0, 0.6, 0.9), 6.5, 0.6, 0.2, 0.7, SIZE as u32, SIZE as u32);
+    let light = Light::ambient(1.0);
+    let studio = Studio { camera: &camera, light: &light };
+    let background = Image::filled(SIZE, SIZE, [240; 3]);
+    let truth: Vec<FramePose> = (0..FRAMES)
+        .map(|t| {
+            let tree = &subject.tree.kinematics;
+            let step = (0..tree.dimension).map(|i| 0.03 * t as f64 * (1.7 * i as f64).sin()).collect::<Vec<_>>();
+            tree.retract(&tree.rest(), &step)
+        })
+        .collect();
+    let sights: Vec<Sight> = truth.iter().map(|p| Sight::draw(&subject, &studio, &background, p)).collect();
+    let frames: Vec<Image> = sights.iter().map(|s| s.image.clone()).collect();
+    let masks: Vec<Mask> = sights.iter().map(|s| s.raster.mask()).collect();
+    let depth: Vec<DepthMap> = sights
+        .iter()
+        .map(|s| DepthMap {
+            width: SIZE,
+            height: SIZE,
+            values: (0..SIZE * SIZE).map(|p| s.raster.depth(p).map_or(f32::NAN, |z| z as f32)).collect(),
+        })
+        .collect();
+    let points: Vec<_> = (0..SIZE * SIZE)
+        .step_by(7)
+        .filter(|&p| sights[0].raster.covered(p))
+        .map(|p| sights[0].anchor(&subject, p))
+        .collect();
+    let tracks = Tracks {
+        pixels: sights
+            .iter()
+            .map(|s| points.iter().map(|a| camera.project(a.position(&s.posed)).to_array().map(|v| v as f32)).collect())
+            .collect(),
+        confidence: vec![vec![0.8; points.len()]; FRAMES],
+        query_frame: vec![0; points.len()],
+    };
+    let flow = |a: &Image, _: &Image| vec![[0.0; 2]; a.width * a.height];
+    let input = Input {
+        asset: &asset,
+        camera: &camera,
+        frames: &frames,
+        masks: &masks,
+        backgrounds: std::slice::from_ref(&background),
+        flow: &flow,
+        tracks: Some(&tracks),
+        depth: &depth,
+        depth_kind: DepthKind::Metric,
+    };
+    work(&input, &subject, &truth);
+}

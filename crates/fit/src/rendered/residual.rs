@@ -1,0 +1,102 @@
+//! Robust L1 of a residual picture over the levels of its pyramid.
+//!
+//! L = mean over levels k of 4ᵏ/N Σ_cells √(r² + ε²) − ε, r the mean residual of a cell of 2ᵏ × 2ᵏ pixels and N the divisor:
+//! Charbonnier's smooth L1 (Charbonnier et al. 1994). A pyramid is linear, so that of the difference serves.
+
+use super::Observed;
+use animimic_render::{PyramidLevel, Raster, pyramid, pyramid_vjp};
+
+/// The part of the picture that losses look at: all that is drawn or observed, aligned to whole cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// First column [px].
+    pub x0: usize,
+    /// First row [px].
+    pub y0: usize,
+    /// Width [px].
+    pub width: usize,
+    /// Height [px].
+    pub height: usize,
+}
+
+/// Cells of the coarsest level have this side [px]; windows are aligned to it, so that cells do not depend on the window.
+const ALIGNMENT: usize = 16;
+
+impl Window {
+    /// Around the drawn and the observed object, with a margin.
+    pub fn around(raster: &Raster, seen: &Observed) -> Self {
+        let (w, h) = (raster.width, raster.height);
+        assert_eq!((seen.image.width, seen.image.height), (w, h), "the frame has the camera's size");
+        let (mut x0, mut y0, mut x1, mut y1) = (w, h, 0, 0);
+        for y in 0..h {
+            let inside = |x: &usize| raster.covered(y * w + x) || seen.mask.coverage[y * w + x] > 0;
+            if let Some(first) = (0..w).find(inside) {
+                let last = (first..w).rev().find(inside).unwrap_or(first);
+                (x0, x1) = (x0.min(first), x1.max(last));
+                (y0, y1) = (y0.min(y), y);
+            }
+        }
+        if x1 < x0 {
+            return Self { x0: 0, y0: 0, width: 0, height: 0 };
+        }
+        let low = |v: usize| v.saturating_sub(1) / ALIGNMENT * ALIGNMENT;
+        let high = |v: usize, end: usize| ((v + 2).div_ceil(ALIGNMENT) * ALIGNMENT).min(end);
+        let (x0, y0) = (low(x0), low(y0));
+        Self { x0, y0, width: high(x1, w) - x0, height: high(y1, h) - y0 }
+    }
+
+    /// Picture pixels of the window, row by row.
+    pub(super) fn pixels(self, picture_width: usize) -> impl Iterator<Item = usize> {
+        (self.y0..self.y0 + self.height).flat_map(move |y| {
+            let row = y * picture_width + self.x0;
+            row..row + self.width
+        })
+    }
+}
+
+/// Which levels count, and how the residual is measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Levels {
+    /// Levels 1 to this one (at most 4).
+    pub count: usize,
+    /// ε: residuals well below it count squared, those above by their size.
+    pub softness: f64,
+}
+
+impl Levels {
+    /// The loss of a residual picture of `channels` interleaved values in a window, and its cotangent if `gradient`.
+    pub(super) fn loss(
+        &self,
+        residual: &[f32],
+        window: Window,
+        channels: usize,
+        divisor: f64,
+        gradient: bool,
+    ) -> (f64, Vec<f32>) {
+        let mut levels = pyramid(residual, window.width, window.height, channels, self.count.min(4) + 1);
+        let used = (levels.len() - 1).max(1);
+        let mut sum = 0.0;
+        let softness = self.softness as f32;
+        for (k, level) in levels.iter_mut().enumerate() {
+            if k == 0 {
+                level.values.fill(0.0);
+                continue;
+            }
+            let scale = f64::from(1u32 << (2 * k)) / (divisor * (used * channels) as f64);
+            sum += scale * charbonnier(level, softness, scale as f32);
+        }
+        (sum, if gradient { pyramid_vjp(&levels, channels) } else { Vec::new() })
+    }
+}
+
+/// Σ √(r² + ε²) − ε; leaves `scale` times its derivative in the level.
+fn charbonnier(level: &mut PyramidLevel, softness: f32, scale: f32) -> f64 {
+    let mut sum = 0.0;
+    for r in &mut level.values {
+        let root = (*r * *r + softness * softness).sqrt();
+        // = root − ε, without its cancellation.
+        sum += f64::from(*r * *r / (root + softness));
+        *r *= scale / root;
+    }
+    sum
+}
