@@ -168,3 +168,57 @@ fn stretches(leans: &[f64]) -> Vec<Range<usize>> {
     let worth = |r: &Range<usize>| leans[r.clone()].iter().any(|l| l.abs() > LEAST_LEAN_RAD);
     cuts.windows(2).map(|c| c[0]..c[1]).filter(|r| !r.is_empty() && worth(r)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Settings, first_light, stage};
+    use super::*;
+    use crate::fixtures::with_video;
+
+    #[test]
+    fn a_flip_mirrors_its_bones_in_depth_keeps_the_others_and_undoes_itself() {
+        with_video(|input, subject, truth| {
+            let light = first_light(input, subject).expect("the object is seen");
+            let stage = stage(input, subject, &light, Settings::default());
+            let pose = &truth[3];
+            let mut mirrored = 0;
+            for (limb, l) in subject.limbs.iter().enumerate() {
+                for first in 0..l.levers.len() {
+                    for last in first..l.levers.len() {
+                        let flip = Flip { limb, levers: first..last + 1, frames: 3..4 };
+                        let there = stage.flipped(pose, &flip);
+                        let back = stage.flipped(&there, &flip);
+                        let ends = |pose: &FramePose, k: usize| {
+                            let posed = subject.posed(pose);
+                            let j = l.levers[k];
+                            posed.transforms[j].transform_point3(bone_end(subject, l, k)) - posed.centers[j]
+                        };
+                        // The first mirrored bone starts where it did: its viewing ray is the same, and its lean changes sign.
+                        let (a, b) = (stage.lean(pose, l, first), stage.lean(&there, l, first));
+                        println!("limb {limb} bones {first}..={last}: lean {a:.3} becomes {b:.3}");
+                        assert!((a + b).abs() < 1e-9);
+                        mirrored += usize::from(a.abs() > 0.05);
+                        for k in (0..l.levers.len()).filter(|k| !flip.levers.contains(k)) {
+                            assert!((ends(pose, k) - ends(&there, k)).length() < 1e-9, "bone {k} keeps its direction");
+                        }
+                        assert!((ends(pose, first) - ends(&back, first)).length() < 1e-9);
+                    }
+                }
+            }
+            assert!(mirrored > 0, "the pose leans");
+        });
+    }
+
+    #[test]
+    fn stretches_end_where_a_bone_crosses_the_image_plane_or_turns_back_before_it() {
+        let leans: Vec<f64> = (0..40).map(|t| (0.3 * t as f64).cos()).collect();
+        println!("{:?}", stretches(&leans));
+        assert_eq!(stretches(&leans), [1..6, 6..16, 16..27, 27..37, 37..40]);
+        // Turns back without crossing.
+        let leans: Vec<f64> = (0..40).map(|t| (0.15 * t as f64).cos().abs() + 0.01).collect();
+        assert_eq!(stretches(&leans), [1..10, 10..31, 31..40]);
+        // Far from the plane all along, and always within it.
+        assert_eq!(stretches(&[0.8; 10]), [1..10]);
+        assert!(stretches(&[0.05; 10]).is_empty());
+    }
+}

@@ -60,3 +60,41 @@ impl Stage<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Settings, first_light, stage};
+    use super::*;
+    use crate::fixtures::with_video;
+    use animimic_math::so3;
+
+    #[test]
+    fn a_still_part_is_held_harder_than_a_lively_one_and_all_directions_alike() {
+        with_video(|input, subject, _| {
+            let light = first_light(input, subject).expect("the object is seen");
+            let stage = stage(input, subject, &light, Settings::default());
+            let tree = &subject.tree.kinematics;
+            let limb = &subject.limbs[0];
+            let (lively, other) = (limb.levers[0], tree.parents[limb.levers[0]].expect("limbs hang on something"));
+            let axis = stage.studio.camera.view_from_world.matrix3.row(2);
+            let turned = |joint: usize, axis: DVec3, angle: f64| {
+                let mut pose = tree.rest();
+                pose.rotations[joint] = so3::exp(axis * angle);
+                pose
+            };
+            // The limb swings in the image plane; all else is still.
+            let moving: Vec<FramePose> = (0..8).map(|t| turned(lively, axis, 0.4 * (t as f64).sin())).collect();
+            let smoothness = stage.lively_smoothness(&moving).expect("long enough");
+            let price = |joint: usize, axis: DVec3| {
+                let path = [tree.rest(), turned(joint, axis, 0.01), tree.rest()];
+                smoothness.energy(&path.iter().map(|p| tree.pose(p)).collect::<Vec<_>>(), &(0..3))
+            };
+            let (same, across) = (price(lively, axis), price(lively, axis.any_orthonormal_vector()));
+            let held = price(other, axis);
+            println!("limb {same:.3e} in its plane, {across:.3e} across it; what holds it {held:.3e}");
+            assert!(held > 100.0 * same, "its parent carries still points too");
+            assert!(across < 4.0 * same && same < 4.0 * across);
+            assert!(stage.lively_smoothness(&moving[..2]).is_none());
+        });
+    }
+}
