@@ -13,7 +13,7 @@ use animimic::cues::{Given, find};
 use animimic::pictures::background_picture;
 use animimic_fit::quasi_newton::{Evaluation, Objective, minimise};
 use animimic_fit::reference::{self, Loss, Parts, Schedule};
-use animimic_fit::stage1::solve::{Stage, Strength};
+use animimic_fit::stage1::solve::{Smoothing, Stage, Strength};
 use animimic_fit::stage1::subject::Subject;
 use animimic_fit::stage1::{self, Input, Settings};
 use animimic_math::block_tridiagonal::Factor;
@@ -28,6 +28,8 @@ use std::path::Path;
 const HEIGHT_PX: usize = 512;
 /// Steps of L-BFGS on L.
 const STEPS: usize = 40;
+/// Factors on the smoothness of the two rounds before: L weighs it more than tracking does.
+const SMOOTHNESS: [f64; 2] = [10.0, 100.0];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1).peekable();
@@ -89,12 +91,18 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
     };
     let stage = stage1::stage(&input, &subject, &light, Settings::default());
     let mut poses = rest.clone();
-    let firm = Strength { huber_px: 2.0, ..stage.strength(0.0, 1.0) };
-    race.step(&mut poses, |poses| {
-        stage.refine_once(poses, firm);
-    });
+    let firm = |smoothness: f64| Strength {
+        huber_px: 0.5,
+        smoothing: Smoothing::Uniform(smoothness),
+        ..stage.strength(0.0, 1.0)
+    };
+    for smoothness in SMOOTHNESS {
+        race.step(&mut poses, |poses| {
+            stage.refine_once(poses, firm(smoothness));
+        });
+    }
     let own = Loss::new(&input, &subject, &subject.tree.kinematics, &light);
-    race.same_loss(&mut poses, &own, &stage, firm)?;
+    race.same_loss(&mut poses, &own, &stage, firm(SMOOTHNESS[1]))?;
     race.end();
 
     let mut race = Race { name: "default", spent: 0.0, first: None, ..race };
@@ -161,8 +169,8 @@ impl Race<'_> {
     ) -> Result<(), Box<dyn Error>> {
         let start = cpu_seconds();
         let metric = stage.metric(poses, strength).ok_or("the metric is not positive definite")?;
-        // A pixel of a track costs this much in the stage's energy against L: a first guess, which L-BFGS corrects.
-        let scale = stage.settings.tracks * f64::from(stage.studio.camera.height) * poses.len() as f64 / 3.0;
+        // What a pixel of a track costs in the stage's energy against L, and a tenth of that, because L1 is stiff near zero.
+        let scale = 0.1 * stage.settings.tracks * f64::from(stage.studio.camera.height) * poses.len() as f64 / 3.0;
         let same = Same { loss, metric, scale };
         let (end, history) = minimise(&same, std::mem::take(poses), STEPS, 1e-4);
         *poses = end;

@@ -44,9 +44,18 @@ pub fn pyramid_vjp(d_levels: &[PyramidLevel], channels: usize) -> Vec<f32> {
     for pair in d_levels.windows(2).rev() {
         let (fine, coarse) = (&pair[0], &pair[1]);
         let mut d_fine = fine.values.clone();
-        visit(fine, coarse, |cell, pixel, share| {
-            (0..channels).for_each(|c| d_fine[pixel * channels + c] += share * d[cell * channels + c]);
-        });
+        let (row, cells) = (fine.width * channels, coarse.width * channels);
+        for (pair, d) in d_fine.chunks_mut(2 * row).zip(d.chunks_exact(cells)) {
+            let full = 0.5 / (pair.len() / row) as f32;
+            for line in pair.chunks_exact_mut(row) {
+                for (pixels, cell) in line.chunks_mut(2 * channels).zip(d.chunks_exact(channels)) {
+                    let share = if pixels.len() == 2 * channels { full } else { 2.0 * full };
+                    for pixel in pixels.chunks_exact_mut(channels) {
+                        pixel.iter_mut().zip(cell).for_each(|(p, c)| *p += share * c);
+                    }
+                }
+            }
+        }
         d = d_fine;
     }
     d
@@ -54,25 +63,21 @@ pub fn pyramid_vjp(d_levels: &[PyramidLevel], channels: usize) -> Vec<f32> {
 
 fn halve(fine: &PyramidLevel, channels: usize) -> PyramidLevel {
     let (width, height) = (fine.width.div_ceil(2), fine.height.div_ceil(2));
-    let mut coarse = PyramidLevel { width, height, values: Vec::new() };
     let mut values = vec![0.0; width * height * channels];
-    visit(fine, &coarse, |cell, pixel, share| {
-        (0..channels).for_each(|c| values[cell * channels + c] += share * fine.values[pixel * channels + c]);
-    });
-    coarse.values = values;
-    coarse
-}
-
-/// All (cell, pixel, share of the pixel in the cell's mean).
-fn visit(fine: &PyramidLevel, coarse: &PyramidLevel, mut each: impl FnMut(usize, usize, f32)) {
-    for y in 0..fine.height {
-        let rows = (fine.height - (y & !1)).min(2);
-        for x in 0..fine.width {
-            let columns = (fine.width - (x & !1)).min(2);
-            let share = 1.0 / (rows * columns) as f32;
-            each((y / 2) * coarse.width + x / 2, y * fine.width + x, share);
+    let row = fine.width * channels;
+    for (pair, out) in fine.values.chunks(2 * row).zip(values.chunks_exact_mut(width * channels)) {
+        // The last row and column may stand alone.
+        let full = 0.5 / (pair.len() / row) as f32;
+        for line in pair.chunks_exact(row) {
+            for (pixels, cell) in line.chunks(2 * channels).zip(out.chunks_exact_mut(channels)) {
+                let share = if pixels.len() == 2 * channels { full } else { 2.0 * full };
+                for pixel in pixels.chunks_exact(channels) {
+                    cell.iter_mut().zip(pixel).for_each(|(c, p)| *c += share * p);
+                }
+            }
         }
     }
+    PyramidLevel { width, height, values }
 }
 
 #[cfg(test)]
