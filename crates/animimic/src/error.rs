@@ -17,6 +17,9 @@ pub enum Error {
     /// Inputs that the fit refuses.
     #[error(transparent)]
     Fit(animimic_fit::FitError),
+    /// A body that cannot be simulated, or a surface that cannot be filled.
+    #[error(transparent)]
+    Sim(#[from] animimic_sim::SimError),
     /// A file could not be read or written.
     #[error("{path}: {source}", path = .path.display())]
     Io {

@@ -21,6 +21,7 @@
 #![deny(missing_docs)]
 
 pub mod fixtures;
+pub mod tet;
 
 mod adjoint;
 mod assembly;

@@ -36,6 +36,8 @@ commands! {
     evaluate::Evaluate,
     /// Draw an animated model from several views as a video or picture
     render::Render,
+    /// Fill a model with tetrahedra: VTU, MSH or npz
+    tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
     /// List what there is of a kind: formats, metrics, cameras, cues, presets, models

@@ -18,6 +18,7 @@ mod polygon;
 pub mod puppeteer;
 pub mod rig_txt;
 pub mod stl;
+pub mod tets;
 mod text;
 pub mod weld;
 
