@@ -219,7 +219,7 @@ mod tests {
         let leans: Vec<f64> = (0..40).map(|t| (0.15 * t as f64).cos().abs() + 0.01).collect();
         assert_eq!(stretches(&leans), [1..10, 10..31, 31..40]);
         // Far from the plane all along, and always within it.
-        assert_eq!(stretches(&[0.8; 10]), [1..10]);
+        assert_eq!(stretches(&[0.8; 10]), [Range { start: 1, end: 10 }]);
         assert!(stretches(&[0.05; 10]).is_empty());
     }
 }
