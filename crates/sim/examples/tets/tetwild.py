@@ -53,5 +53,5 @@ else:
                 last = out.stdout.strip().splitlines()[-1:] or ["{}"]
                 line.update(json.loads(last[0]) if last[0].startswith("{\"") else {"failed": f"exit {out.returncode}"})
             except subprocess.TimeoutExpired:
-                line["failed"] = f"not done in {LIMIT_S} s"
+                line["failed"] = f"not done in {LIMIT_S} s (wall)"
             print(json.dumps(line), flush=True)
