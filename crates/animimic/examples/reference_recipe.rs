@@ -109,8 +109,8 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
     let stage = stage1::stage(&Input { tracks: None, ..input }, &subject, &light, Settings::default());
     let mut poses = rest;
     let mut failed = None;
-    race.step(&mut poses, |poses| match stage.track(1.0, &mut |_| ControlFlow::Continue(())) {
-        Ok(found) => *poses = found,
+    race.step(&mut poses, |poses| match stage.track(1.0, None, &mut |_| ControlFlow::Continue(())) {
+        Ok(found) => *poses = found.expect("without a rival it goes on to the end").poses,
         Err(e) => failed = Some(e),
     });
     failed.map_or(Ok(()), Err)?;

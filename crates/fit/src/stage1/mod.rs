@@ -157,17 +157,21 @@ fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePo
     let guesses: &[f64] = if stage.guesses_matter() { &[1.0, stage.settings.final_priors] } else { &[1.0] };
     let count = stage.frames.len();
     let mut best: Option<(f64, Vec<FramePose>)> = None;
+    let mut costs: Option<Vec<f64>> = None;
     for (k, &weight) in guesses.iter().enumerate() {
         if best.as_ref().is_some_and(|b| b.0 < GOOD * stage.usual_mismatch) {
             break;
         }
         let mut share = |phase, done: f64| progress(phase, FINISH_AT * (k as f64 + done) / guesses.len() as f64);
-        let mut frames = stage.track(weight, &mut |t| share(Phase::Track, TRACKING_SHARE * t as f64 / count as f64))?;
+        let mut tracked = |t: usize| share(Phase::Track, TRACKING_SHARE * t as f64 / count as f64);
+        let Some(tracked) = stage.track(weight, costs.as_deref(), &mut tracked)? else { continue };
+        let mut frames = tracked.poses;
         if share(Phase::Refine, TRACKING_SHARE).is_break() {
             return Err(FitError::Stopped);
         }
         stage.refine(&mut frames, weight);
         let unlike = stage.mismatches(&frames).iter().sum::<f64>() / count as f64;
+        costs = Some(tracked.costs);
         // What the rig suggests is given up only where the frames clearly speak against it.
         if best.as_ref().is_none_or(|b| unlike * PLAUSIBLE < b.0) {
             best = Some((unlike, frames));

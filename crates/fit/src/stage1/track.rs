@@ -20,6 +20,19 @@ const SAME: f64 = 0.01;
 /// A hypothesis that looks worse than the best by more than this many times frame 0's mismatch is given up.
 const GIVE_UP: f64 = 2.0;
 
+/// A tracking whose frames so far look this many times as unlike as another one's is given up.
+const HOPELESS: f64 = 1.15;
+/// It has at least so many frames to show what it is worth.
+const FAIR_START: usize = 8;
+
+/// A motion as tracked.
+pub struct Tracked {
+    /// Poses \[frame\].
+    pub poses: Vec<FramePose>,
+    /// Mismatch of the frames up to each, summed \[frame\].
+    pub costs: Vec<f64>,
+}
+
 /// One story of the motion so far.
 #[derive(Clone)]
 struct Story {
@@ -30,17 +43,19 @@ struct Story {
 
 impl Stage<'_> {
     /// Tracks all frames from the rest pose in frame 0, with guesses from the rig weighed by `guesses`; `progress` hears of
-    /// each frame.
+    /// each frame. `None` where it falls hopelessly behind `rival`, the costs of another tracking.
     ///
     /// # Errors
     /// When `progress` asks to stop.
     pub fn track(
         &self,
         guesses: f64,
+        rival: Option<&[f64]>,
         progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
-    ) -> Result<Vec<FramePose>, FitError> {
+    ) -> Result<Option<Tracked>, FitError> {
         let rest = self.subject.tree.kinematics.rest();
         let mut beam = vec![Story { poses: vec![rest], cost: 0.0 }];
+        let mut costs = vec![0.0];
         for t in 1..self.frames.len() {
             let mut next = Vec::new();
             for (rank, story) in beam.iter().enumerate() {
@@ -60,8 +75,12 @@ impl Stage<'_> {
             if progress(t).is_break() {
                 return Err(FitError::Stopped);
             }
+            costs.push(beam[0].cost);
+            if t >= FAIR_START && rival.is_some_and(|r| beam[0].cost > HOPELESS * r[t]) {
+                return Ok(None);
+            }
         }
-        Ok(beam.swap_remove(0).poses)
+        Ok(Some(Tracked { poses: beam.swap_remove(0).poses, costs }))
     }
 
     /// A story with one frame more: as predicted, and with limbs swung where that looks wrong.
