@@ -15,7 +15,7 @@
 //! differences show. Here the silhouette edge itself is cut with the line AB ([`crate::silhouette`]): its
 //! ends carry the gradient, its colour is I in front. Without a crossing (cutouts) the step is taken where AB leaves the triangle.
 //! Where several edges cross AB (slits and limbs thinner than a pixel), neither colour need be what lies beside an edge: each is
-//! looked past alone, and those that are seen make a step each ([`crate::between`]).
+//! looked past alone, and those that are seen make a step each (`between.rs`).
 //!
 //! Where the surface continues, colours may still jump (flat facets, hard edges, texture seams). EdgeGrad drops these steps;
 //! here the jump, both sides shaded at the middle, goes to both fragments in halves, as the shared edge moves with both. A
