@@ -232,14 +232,8 @@ fn show(parts: &Parts) -> String {
     format!("L {:.5} = {}", parts.total(), named.join(" + "))
 }
 
-/// CPU seconds of this process, all threads; not a number where the system does not tell.
+/// CPU seconds of this process, all threads.
 fn cpu_seconds() -> f64 {
-    /// Clock ticks a second in `/proc`, fixed by Linux's user interface.
-    const TICKS: f64 = 100.0;
-    let read = || -> Option<f64> {
-        let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-        let after_name: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-        Some((after_name.get(11)?.parse::<f64>().ok()? + after_name.get(12)?.parse::<f64>().ok()?) / TICKS)
-    };
-    read().unwrap_or(f64::NAN)
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
 }

@@ -4,16 +4,19 @@
 //! The energy is that of the reference solver beside the data (Huber 2 px, depth up to scale and shift, smoothness of all
 //! vertices, joint limits); the reference reaches 91 974 and 8.97 mm.
 
+mod support;
+
 use animimic_fit::robust::Robust;
 use animimic_fit::solver::{Options, Problem, Smoothness, solve};
 use animimic_fit::terms::{Context, Depth, DepthTarget, JointPrior, JointPriors, PixelTarget, Pixels};
-use animimic_rig::anchor::Share;
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::{Anchor, AnchorColumns, FramePose, Kinematics};
 use animimic_scene::io::npz::{self, Archive};
-use animimic_scene::{Camera, DepthKind};
-use glam::{DAffine3, DMat3, DVec2, DVec3};
+use animimic_scene::{Camera, DepthKind, Look};
+use glam::{DVec2, DVec3};
 use std::time::Instant;
+use support::cpu_seconds;
+use support::quadruped::{Quadruped, anchor, numbers, points};
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/bench/diffrender/data");
 /// Side of the picture in which the tracks were measured [px].
@@ -38,13 +41,13 @@ fn main() {
         println!("skipped: {DATA} is absent");
         return;
     }
-    let read = |name: &str| npz::read(folder.join(name)).expect("a readable archive");
-    let data = assemble(&read("quad_2k.npz"), &read("prob_300.npz"));
+    let problem = npz::read(folder.join("prob_300.npz")).expect("a readable archive");
+    let data = assemble(Quadruped::read(folder, "2k", Look::default()), &problem);
     let mut best = f64::INFINITY;
     for _ in 0..REPETITIONS {
         let (cpu, wall) = (cpu_seconds(), Instant::now());
         let (poses, energies) = run(&data);
-        let spent = cpu_seconds().zip(cpu).map_or(f64::NAN, |(after, before)| after - before);
+        let spent = cpu_seconds() - cpu;
         best = best.min(spent);
         println!(
             "energy {:.1}  vertex error {:.3} mm  iterations {}  CPU {spent:.2} s  wall {:.2} s",
@@ -90,41 +93,15 @@ fn vertex_error(data: &Data, poses: &[FramePose]) -> f64 {
     found.zip(&data.truth).map(|(a, b)| a.distance(*b)).sum::<f64>() / data.truth.len() as f64
 }
 
-fn assemble(scene: &Archive, problem: &Archive) -> Data {
-    let numbers = |archive: &Archive, name: &str| archive.need(name).expect("a complete archive").to_f64();
-    let points = |archive: &Archive, name: &str| -> Vec<DVec3> {
-        numbers(archive, name).chunks_exact(3).map(DVec3::from_slice).collect()
-    };
-    let parents = numbers(scene, "parents");
-    let joints = parents.len();
-    let parents: Vec<Option<usize>> = parents.iter().map(|&p| (p >= 0.0).then_some(p as usize)).collect();
-    let slides = parents.iter().map(Option::is_none).collect();
-    let kinematics = Kinematics::new(parents, points(scene, "joints"), vec![true; joints], slides);
-
+fn assemble(scene: Quadruped, problem: &Archive) -> Data {
+    let camera = scene.camera(SIZE);
+    let Quadruped { kinematics, vertices, .. } = scene;
     let weights = numbers(problem, "anchor_weights");
-    let rest = points(problem, "anchor_verts");
-    let anchors: Vec<Anchor> =
-        rest.iter().zip(weights.chunks_exact(joints)).map(|(&x, w)| anchor(x, w.iter().copied().enumerate())).collect();
-    let (skin_joints, skin_weights) = (numbers(scene, "skin_idx"), numbers(scene, "skin_w"));
-    let vertices = points(scene, "verts")
+    let anchors: Vec<Anchor> = points(problem, "anchor_verts")
         .iter()
-        .enumerate()
-        .map(|(v, &x)| anchor(x, (4 * v..4 * v + 4).map(|k| (skin_joints[k] as usize, skin_weights[k]))))
+        .zip(weights.chunks_exact(kinematics.len()))
+        .map(|(&x, w)| anchor(x, w.iter().copied().enumerate()))
         .collect();
-
-    let rotation = DMat3::from_cols_slice(&numbers(scene, "cam_R")).transpose();
-    let shift = DVec3::from_slice(&numbers(scene, "cam_t"));
-    let focal = numbers(scene, "focal_over_size")[0] * f64::from(SIZE);
-    let middle = 0.5 * f64::from(SIZE);
-    let camera = Camera {
-        width: SIZE,
-        height: SIZE,
-        fx: focal,
-        fy: focal,
-        cx: middle,
-        cy: middle,
-        view_from_world: DAffine3::from_mat3_translation(rotation, shift),
-    };
 
     let n = anchors.len();
     let (tracks, visible) = (numbers(problem, "tracks"), numbers(problem, "visible"));
@@ -157,21 +134,4 @@ fn assemble(scene: &Archive, problem: &Archive) -> Data {
         truth: points(problem, "truth_verts"),
         frames,
     }
-}
-
-fn anchor(x: DVec3, weights: impl Iterator<Item = (usize, f64)>) -> Anchor {
-    let share = |(joint, weight): (usize, f64)| Share { joint, weight, weighted_rest: x * weight };
-    let mut shares: Vec<Share> = weights.filter(|(_, w)| *w > 0.0).map(share).collect();
-    shares.sort_by_key(|s| s.joint);
-    Anchor { shares }
-}
-
-/// CPU seconds of this process, all threads; `None` where the system does not tell.
-fn cpu_seconds() -> Option<f64> {
-    /// Clock ticks a second in `/proc`, fixed by Linux's user interface.
-    const TICKS: f64 = 100.0;
-    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
-    let after_name: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
-    let ticks = after_name.get(11)?.parse::<f64>().ok()? + after_name.get(12)?.parse::<f64>().ok()?;
-    Some(ticks / TICKS)
 }

@@ -2,10 +2,10 @@
 
 #[path = "../examples/rivals/maskgrad.rs"]
 mod maskgrad;
-#[path = "../examples/rivals/quadruped.rs"]
-mod quadruped;
 #[path = "../examples/rivals/refine.rs"]
 mod refine;
+#[path = "../benches/support/mod.rs"]
+mod support;
 
 use std::path::Path;
 

@@ -7,12 +7,13 @@
 //! table there is written anew.
 
 mod maskgrad;
-mod quadruped;
 mod refine;
+#[path = "../../benches/support/mod.rs"]
+mod support;
 
 use animimic_render::{Cotangents, Light, NONE, Rendered, render_into, render_vjp};
-use quadruped::Quadruped;
 use std::path::Path;
+use support::thread_cpu_seconds;
 
 const REPETITIONS: usize = 40;
 
@@ -49,12 +50,6 @@ fn write_table(path: &str, rows: &str, q: &maskgrad::Quality, r: &refine::Refine
     std::fs::write(path, text).expect("the table's file can be written");
 }
 
-/// CPU time of this thread [ms].
-fn cpu_ms() -> f64 {
-    let t = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
-}
-
 /// Cotangents of mean |rgba|.
 fn mean_abs(rendered: &Rendered, rgb: &mut Vec<[f32; 3]>, mask: &mut Vec<f32>) {
     let share = 1.0 / (4 * rendered.rgb.len()) as f32;
@@ -73,23 +68,23 @@ fn main() {
     let mut table = String::new();
     for (size, recorded) in RECORDED_MS {
         for (mesh, rival) in ["2k", "10k", "40k"].into_iter().zip(recorded) {
-            let scene = Quadruped::read(&data, mesh);
+            let scene = maskgrad::unlit(&data, mesh);
             let camera = scene.camera(size);
-            let vertices = scene.vertices(&scene.pose(20));
+            let vertices = scene.posed(&scene.pose(20));
             let light = Light::ambient(1.0);
             let mut rendered = Rendered::default();
             let (mut rgb, mut mask) = (Vec::new(), Vec::new());
             let (mut forward, mut backward) = (f64::INFINITY, f64::INFINITY);
             for _ in 0..REPETITIONS {
-                let start = cpu_ms();
+                let start = thread_cpu_seconds();
                 render_into(&camera, &scene.surface, &vertices, &light, [1.0; 3], &mut rendered);
-                let middle = cpu_ms();
+                let middle = thread_cpu_seconds();
                 mean_abs(&rendered, &mut rgb, &mut mask);
                 let d = Cotangents { rgb: &rgb, mask: &mask, depth: &[] };
                 let gradients = render_vjp(&camera, &scene.surface, &vertices, &light, &rendered, &d, false);
                 assert!(gradients.positions.iter().all(|g| g.is_finite()), "gradients are numbers");
-                forward = forward.min(middle - start);
-                backward = backward.min(cpu_ms() - middle);
+                forward = forward.min(1e3 * (middle - start));
+                backward = backward.min(1e3 * (thread_cpu_seconds() - middle));
             }
             let both = forward + backward;
             table += &format!(

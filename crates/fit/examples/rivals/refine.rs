@@ -4,11 +4,14 @@
 //! itself. Here starts are random: every joint turned about a random axis, the root moved, all in one proportion that makes the
 //! mean distance of the vertices 68 mm. The result is a distribution.
 
-use crate::quadruped::{Quadruped, QuadrupedPose};
+use crate::maskgrad::unlit;
+use crate::support::quadruped::{Quadruped, tree_order};
+use animimic_fit::reference::Adam;
 use animimic_math::gradcheck::SplitMix64;
 use animimic_render::{Background, Cotangents, Light, Rendered, render_image, render_into, render_vjp};
+use animimic_rig::FramePose;
 use animimic_scene::io::npz;
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use std::path::Path;
 
 /// Mean vertex distance at the start [m].
@@ -41,7 +44,7 @@ impl Refinement {
 pub fn refinement(data: &Path) -> Refinement {
     let file = npz::read(data.join("maskgrad.npz")).expect("the benchmark's gradient test is readable");
     let number = |name: &str| file.need(name).expect("the benchmark's file has this array").to_f64()[0] as usize;
-    let scene = Quadruped::read(data, "2k");
+    let scene = unlit(data, "2k");
     let truth = scene.pose(number("target_frame"));
     let view = View::new(&scene, &truth, number("size") as u32);
     let mut end_mm: Vec<f64> =
@@ -61,8 +64,8 @@ struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    fn new(scene: &'a Quadruped, truth: &QuadrupedPose, size: u32) -> Self {
-        let (camera, light, truth) = (scene.camera(size), Light::ambient(1.0), scene.vertices(truth));
+    fn new(scene: &'a Quadruped, truth: &FramePose, size: u32) -> Self {
+        let (camera, light, truth) = (scene.camera(size), Light::ambient(1.0), scene.posed(truth));
         let (image, mask) = render_image(&camera, &scene.surface, &truth, &light, Background::Color([255; 3]), 8);
         let rgb = image.rgb.iter().map(|p| p.map(|c| f32::from(c) / 255.0)).collect();
         let mask = mask.coverage.iter().map(|&c| f32::from(c) / 255.0).collect();
@@ -70,14 +73,14 @@ impl<'a> View<'a> {
     }
 
     /// Mean distance of a pose's vertices from the true ones [m].
-    fn distance(&self, pose: &QuadrupedPose) -> f64 {
-        let vertices = self.scene.vertices(pose);
+    fn distance(&self, pose: &FramePose) -> f64 {
+        let vertices = self.scene.posed(pose);
         vertices.iter().zip(&self.truth).map(|(a, b)| a.distance(*b)).sum::<f64>() / vertices.len() as f64
     }
 
-    /// Σ ρ(rgb − target) + ρ(mask − target), ρ' = [`slope`]: its gradient to the 93 pose parameters.
-    fn gradient(&self, pose: &QuadrupedPose, rendered: &mut Rendered) -> Vec<f64> {
-        let vertices = self.scene.vertices(pose);
+    /// Σ ρ(rgb − target) + ρ(mask − target), ρ' = [`slope`]: its gradient to the pose's 93 increments.
+    fn gradient(&self, pose: &FramePose, rendered: &mut Rendered) -> Vec<f64> {
+        let vertices = self.scene.posed(pose);
         render_into(&self.camera, &self.scene.surface, &vertices, &self.light, [1.0; 3], rendered);
         let rgb: Vec<[f32; 3]> =
             rendered.rgb.iter().zip(&self.rgb).map(|(a, b)| std::array::from_fn(|c| slope(a[c] - b[c]))).collect();
@@ -88,25 +91,19 @@ impl<'a> View<'a> {
         self.scene.pose_vjp(pose, &g.positions)
     }
 
-    /// Adam (Kingma and Ba 2015) on rotation increments and the root's offset.
-    fn refined(&self, mut pose: QuadrupedPose) -> QuadrupedPose {
+    /// Adam on rotation increments and the root's offset.
+    fn refined(&self, mut pose: FramePose) -> FramePose {
         let mut rendered = Rendered::default();
-        let n = 3 * pose.rotations.len() + 3;
-        let (mut mean, mut square) = (vec![0.0; n], vec![0.0; n]);
-        for step in 1..=STEPS {
-            let g = self.gradient(&pose, &mut rendered);
-            let (b1, b2) = (0.9f64, 0.999f64);
-            let change: Vec<f64> = (0..n)
-                .map(|k| {
-                    mean[k] = b1 * mean[k] + (1.0 - b1) * g[k];
-                    square[k] = b2 * square[k] + (1.0 - b2) * g[k] * g[k];
-                    let (m, v) = (mean[k] / (1.0 - b1.powi(step as i32)), square[k] / (1.0 - b2.powi(step as i32)));
-                    -RATE * m / (v.sqrt() + 1e-12)
-                })
-                .collect();
-            pose = moved(&pose, &change, 1.0);
+        let mut adam = Adam::new(self.scene.kinematics.dimension);
+        for _ in 0..STEPS {
+            let step = adam.direction(&self.gradient(&pose, &mut rendered));
+            pose = self.moved(&pose, &step, -RATE);
         }
         pose
+    }
+
+    fn moved(&self, pose: &FramePose, step: &[f64], share: f64) -> FramePose {
+        self.scene.kinematics.retract(pose, &step.iter().map(|v| share * v).collect::<Vec<_>>())
     }
 }
 
@@ -115,24 +112,18 @@ fn slope(e: f32) -> f32 {
     e / (e * e + SOFT * SOFT).sqrt()
 }
 
-/// R_j ← R_j exp δ_j and the root's offset, as [`Quadruped::pose_vjp`] has it.
-fn moved(pose: &QuadrupedPose, change: &[f64], share: f64) -> QuadrupedPose {
-    let delta = |j: usize| DVec3::from_slice(&change[3 * j..3 * j + 3]) * share;
-    let rotations = pose.rotations.iter().enumerate().map(|(j, r)| *r * DQuat::from_scaled_axis(delta(j))).collect();
-    QuadrupedPose { rotations, offset: pose.offset + delta(pose.rotations.len()) }
-}
-
 /// The true pose with a random error of the right size.
-fn disturbed(view: &View, truth: &QuadrupedPose, seed: u64) -> QuadrupedPose {
+fn disturbed(view: &View, truth: &FramePose, seed: u64) -> FramePose {
     let mut rng = SplitMix64(seed);
     // A radian at the joints goes with half a metre at the root.
     let n = 3 * truth.rotations.len();
     let change: Vec<f64> = (0..n + 3).map(|k| rng.normal() * if k < n { 1.0 } else { 0.5 }).collect();
+    let change = tree_order(&change);
     let (mut least, mut most) = (0.0, 0.5);
     for _ in 0..40 {
         let middle = 0.5 * (least + most);
-        let low = view.distance(&moved(truth, &change, middle)) < START;
+        let low = view.distance(&view.moved(truth, &change, middle)) < START;
         *(if low { &mut least } else { &mut most }) = middle;
     }
-    moved(truth, &change, least)
+    view.moved(truth, &change, least)
 }

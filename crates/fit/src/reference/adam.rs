@@ -30,14 +30,21 @@ impl Adam {
         if length > CLIP {
             gradient.iter_mut().for_each(|g| *g *= CLIP / length);
         }
+        gradient.iter_mut().zip(parameters.iter()).for_each(|(g, p)| *g += WEIGHT_DECAY * p);
+        parameters.iter_mut().zip(self.direction(&gradient)).for_each(|(p, d)| *p -= rate * d);
+    }
+
+    /// Takes note of a gradient; what is to be subtracted from the parameters at rate 1.
+    pub fn direction(&mut self, gradient: &[f64]) -> Vec<f64> {
         self.steps += 1;
         let correction = BETA.map(|b| 1.0 - b.powi(self.steps));
-        for (i, (p, g)) in parameters.iter_mut().zip(gradient).enumerate() {
-            let g = g + WEIGHT_DECAY * *p;
-            self.first[i] += (1.0 - BETA[0]) * (g - self.first[i]);
-            self.second[i] += (1.0 - BETA[1]) * (g * g - self.second[i]);
-            *p -= rate * (self.first[i] / correction[0]) / ((self.second[i] / correction[1]).sqrt() + EPSILON);
-        }
+        let moments = self.first.iter_mut().zip(&mut self.second);
+        let toward = |(&g, (first, second)): (&f64, (&mut f64, &mut f64))| {
+            *first += (1.0 - BETA[0]) * (g - *first);
+            *second += (1.0 - BETA[1]) * (g * g - *second);
+            (*first / correction[0]) / ((*second / correction[1]).sqrt() + EPSILON)
+        };
+        gradient.iter().zip(moments).map(toward).collect()
     }
 }
 

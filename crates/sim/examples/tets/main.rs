@@ -4,32 +4,14 @@
 //! model. With the path of `docs/benchmarks.md` and what `tetwild.py` beside this file prints for the same folder, the table there is
 //! written anew.
 
+mod models;
+
 use animimic_sim::tet::{DEFAULT_TETS, Quality, cage, quality};
+use models::{cpu_s, models};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 const MARKS: [&str; 2] = ["<!-- tets: generated -->", "<!-- /tets -->"];
-
-/// CPU time of the process [s].
-fn cpu_s() -> f64 {
-    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
-}
-
-/// Models in a folder and its folders, sorted.
-fn models(folder: &Path, out: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> =
-        std::fs::read_dir(folder).map(|dir| dir.filter_map(|e| e.ok().map(|e| e.path())).collect()).unwrap_or_default();
-    entries.sort();
-    for path in entries {
-        let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-        if path.is_dir() {
-            models(&path, out);
-        } else if ["glb", "gltf", "obj", "off", "stl", "ply"].contains(&extension.as_str()) {
-            out.push(path);
-        }
-    }
-}
 
 fn measure(path: &Path) -> Result<Value, Box<dyn std::error::Error>> {
     let mesh = animimic_scene::io::read(path)?.mesh;
