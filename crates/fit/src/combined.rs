@@ -2,17 +2,12 @@
 
 use crate::quasi_newton::{Evaluation, Objective};
 use crate::rendered::{Model, Observed, Value, Weighted};
-use crate::solver::{Problem, linearize, retract};
+use crate::solver::{Problem, linearize, pose_all, retract};
 use crate::terms::{At, Term};
 use animimic_math::block_tridiagonal::Factor;
 use animimic_render::Light;
-use animimic_rig::{FramePose, Posed};
+use animimic_rig::FramePose;
 use rayon::prelude::*;
-
-/// Forward kinematics of all frames.
-pub(crate) fn pose_all(problem: &Problem, poses: &[FramePose]) -> Vec<Posed> {
-    poses.iter().map(|p| problem.context.kinematics.pose(p)).collect()
-}
 
 /// The sum of all terms over all frames.
 pub struct Combined<'a> {

@@ -1,8 +1,9 @@
 //! A small video made by code, for tests.
 
-use crate::stage1::Input;
 use crate::stage1::sight::{Sight, Studio};
+use crate::stage1::solve::Stage;
 use crate::stage1::subject::Subject;
+use crate::stage1::{Input, Settings, first_light, stage};
 use animimic_render::Light;
 use animimic_rig::FramePose;
 use animimic_rig::fixtures::creature;
@@ -13,7 +14,8 @@ use glam::DVec3;
 pub const FRAMES: usize = 4;
 const SIZE: usize = 128;
 
-fn asset() -> Asset {
+/// A coloured, rigged creature.
+pub fn asset() -> Asset {
     let (rig, mut mesh) = creature();
     mesh.parts =
         vec![Part { vertices: 0..mesh.positions.len(), triangles: 0..mesh.triangles.len(), ..Part::default() }];
@@ -21,21 +23,28 @@ fn asset() -> Asset {
     Asset { mesh, rig, looks: vec![Look { double_sided: true, ..Look::default() }], ..Asset::default() }
 }
 
+/// A camera that sees it from the side, `size` pixels wide and high.
+pub fn camera(size: u32) -> Camera {
+    Camera::orbit(DVec3::new(1.0, 0.6, 0.9), 6.5, 0.6, 0.2, 0.7, size, size)
+}
+
+/// A motion from rest in which every joint turns, ever further.
+pub fn truth(subject: &Subject, frames: usize) -> Vec<FramePose> {
+    let tree = &subject.tree.kinematics;
+    let step =
+        |t: usize| -> Vec<f64> { (0..tree.dimension).map(|i| 0.03 * t as f64 * (1.7 * i as f64).sin()).collect() };
+    (0..frames).map(|t| tree.retract(&tree.rest(), &step(t))).collect()
+}
+
 /// Calls `work` with a small video of the creature in motion, with exact masks, tracks and depth, and its true poses.
 pub fn with_video(work: impl FnOnce(&Input, &Subject, &[FramePose])) {
     let asset = asset();
     let subject = Subject::new(&asset).expect("can be drawn");
-    let camera = Camera::orbit(DVec3::new(1.0, 0.6, 0.9), 6.5, 0.6, 0.2, 0.7, SIZE as u32, SIZE as u32);
+    let camera = camera(SIZE as u32);
     let light = Light::ambient(1.0);
     let studio = Studio { camera: &camera, light: &light };
     let background = Image::filled(SIZE, SIZE, [240; 3]);
-    let truth: Vec<FramePose> = (0..FRAMES)
-        .map(|t| {
-            let tree = &subject.tree.kinematics;
-            let step = (0..tree.dimension).map(|i| 0.03 * t as f64 * (1.7 * i as f64).sin()).collect::<Vec<_>>();
-            tree.retract(&tree.rest(), &step)
-        })
-        .collect();
+    let truth = truth(&subject, FRAMES);
     let sights: Vec<Sight> = truth.iter().map(|p| Sight::draw(&subject, &studio, &background, p)).collect();
     let frames: Vec<Image> = sights.iter().map(|s| s.image.clone()).collect();
     let masks: Vec<Mask> = sights.iter().map(|s| s.raster.mask()).collect();
@@ -73,4 +82,12 @@ pub fn with_video(work: impl FnOnce(&Input, &Subject, &[FramePose])) {
         depth_kind: DepthKind::Metric,
     };
     work(&input, &subject, &truth);
+}
+
+/// Calls `work` with all that stage 1 makes of that video at the start, and the true poses.
+pub fn with_stage(work: impl FnOnce(&Stage, &[FramePose])) {
+    with_video(|input, subject, truth| {
+        let light = first_light(input, subject).expect("the object is seen");
+        work(&stage(input, subject, &light, Settings::default()), truth);
+    });
 }

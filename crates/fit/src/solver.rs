@@ -57,7 +57,7 @@ const DIAGONAL_FLOOR: f64 = 1e-3;
 
 /// Minimises the energy over the frames in `active`; poses outside it stay and hold their neighbours by smoothness.
 pub fn solve(problem: &Problem, poses: &mut [FramePose], active: Range<usize>, options: &Options) -> Report {
-    let mut posed: Vec<Posed> = poses.iter().map(|p| problem.context.kinematics.pose(p)).collect();
+    let mut posed = pose_all(problem, poses);
     let mut energy = total_energy(problem, poses, &posed, &active);
     let mut report = Report { energies: vec![energy] };
     let mut damping = options.damping;
@@ -67,7 +67,7 @@ pub fn solve(problem: &Problem, poses: &mut [FramePose], active: Range<usize>, o
         for _ in 0..MAX_REJECTIONS {
             if let Some(step) = model.step(damping) {
                 let trial = retract(problem, poses, &active, &step);
-                let trial_posed: Vec<Posed> = pose_all(problem, &trial, &posed, &active);
+                let trial_posed: Vec<Posed> = pose_active(problem, &trial, &posed, &active);
                 let trial_energy = total_energy(problem, &trial, &trial_posed, &active);
                 if trial_energy < energy {
                     accepted = Some((trial, trial_posed, trial_energy));
@@ -112,7 +112,13 @@ pub fn retract(problem: &Problem, poses: &[FramePose], active: &Range<usize>, st
     moved
 }
 
-fn pose_all(problem: &Problem, poses: &[FramePose], old: &[Posed], active: &Range<usize>) -> Vec<Posed> {
+/// Forward kinematics of all frames.
+pub(crate) fn pose_all(problem: &Problem, poses: &[FramePose]) -> Vec<Posed> {
+    poses.iter().map(|p| problem.context.kinematics.pose(p)).collect()
+}
+
+/// The same where only the active frames have moved.
+fn pose_active(problem: &Problem, poses: &[FramePose], old: &[Posed], active: &Range<usize>) -> Vec<Posed> {
     let mut posed = old.to_vec();
     for t in active.clone() {
         posed[t] = problem.context.kinematics.pose(&poses[t]);
@@ -249,7 +255,7 @@ mod tests {
             let gradient: Vec<f64> = model.gradient.iter().map(|g| 2.0 * g).collect();
             let f = |step: &[f64]| {
                 let moved = retract(problem, poses, &active, step);
-                total_energy(problem, &moved, &pose_all(problem, &moved, posed, &active), &active)
+                total_energy(problem, &moved, &pose_active(problem, &moved, posed, &active), &active)
             };
             let zero = vec![0.0; gradient.len()];
             let error = gradient_error(f, &zero, &gradient, 6, &[1e-3, 1e-4, 1e-5], 1);

@@ -1,5 +1,7 @@
 //! Pixels.
 
+use std::ops::Range;
+
 /// An 8-bit sRGB-encoded colour image, row by row from the top left.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Image {
@@ -22,10 +24,30 @@ impl Image {
         self.rgb[y * self.width + x]
     }
 
+    /// A part of the picture.
+    pub fn cropped(&self, columns: Range<usize>, rows: Range<usize>) -> Self {
+        let row = |y: usize| &self.rgb[y * self.width..][columns.clone()];
+        let rgb = rows.clone().flat_map(|y| row(y).iter().copied()).collect();
+        Self { width: columns.len(), height: rows.len(), rgb }
+    }
+
     /// The picture at another size by area averaging (shrinking) or repetition (enlarging).
     pub fn resized(&self, width: usize, height: usize) -> Self {
         Self { width, height, rgb: averages((self.width, self.height), (width, height), |i| self.rgb[i]) }
     }
+}
+
+/// Columns and rows that the pixels (x, y) that are `inside` span; `None` where there are none.
+pub fn bounds(width: usize, height: usize, inside: impl Fn(usize, usize) -> bool) -> Option<[Range<usize>; 2]> {
+    let mut found: Option<[Range<usize>; 2]> = None;
+    for y in 0..height {
+        let Some(first) = (0..width).find(|&x| inside(x, y)) else { continue };
+        let end = (first..width).rev().find(|&x| inside(x, y)).unwrap_or(first) + 1;
+        let [columns, rows] = found.get_or_insert([first..end, y..y]);
+        *columns = columns.start.min(first)..columns.end.max(end);
+        rows.end = y + 1;
+    }
+    found
 }
 
 /// Means, rounded, over the source pixels that each target pixel touches.
@@ -100,4 +122,23 @@ pub fn linear_from_srgb(c: f32) -> f32 {
 /// Linear light in \[0, 1\] → sRGB-encoded value.
 pub fn srgb_from_linear(c: f32) -> f32 {
     if c <= 0.003_130_8 { c * 12.92 } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_inside_spans_its_bounds_and_is_cut_out_by_them() {
+        let mut image = Image::filled(7, 5, [0; 3]);
+        let spots = [(2, 1), (5, 1), (1, 3)];
+        spots.iter().for_each(|&(x, y)| image.rgb[y * 7 + x] = [9; 3]);
+        let [columns, rows] = bounds(7, 5, |x, y| image.at(x, y) != [0; 3]).expect("three spots");
+        assert_eq!((columns.clone(), rows.clone()), (1..6, 1..4));
+        let part = image.cropped(columns, rows);
+        assert_eq!((part.width, part.height), (5, 3));
+        assert!(spots.iter().all(|&(x, y)| part.at(x - 1, y - 1) == [9; 3]) && part.at(0, 0) == [0; 3]);
+        assert_eq!(bounds(7, 5, |_, _| false), None);
+        assert_eq!(bounds(7, 5, |x, y| (x, y) == (6, 4)), Some([6..7, 4..5]));
+    }
 }

@@ -1,6 +1,5 @@
-use super::fitting::{Fitting, words};
-use crate::bar::Bar;
-use crate::{Common, out};
+use super::fitting::Fitting;
+use crate::Common;
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -19,11 +18,6 @@ pub struct Animate {
 
 impl Animate {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
-        let job = self.fitting.job(&self.model, self.videos.clone(), &self.out, common);
-        let mut bar = Bar::new(common);
-        let report = animimic::animate(&job, &mut |e| bar.on_event(e))?;
-        drop(bar);
-        let json = serde_json::to_value(&report)?;
-        out::print(common, &json, || words(&report) + &format!("{}\n", self.out.join("report.html").display()))
+        self.fitting.run(&self.model, &self.videos, &self.out, common, animimic::animate, |folder| folder.join("report.html"))
     }
 }

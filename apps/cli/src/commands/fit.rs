@@ -1,7 +1,6 @@
-use super::fitting::{Fitting, words};
-use crate::bar::Bar;
-use crate::{Common, out};
-use std::path::PathBuf;
+use super::fitting::Fitting;
+use crate::Common;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Fit {
@@ -19,11 +18,6 @@ pub struct Fit {
 
 impl Fit {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
-        let job = self.fitting.job(&self.model, self.videos.clone(), &self.out, common);
-        let mut bar = Bar::new(common);
-        let report = animimic::fit(&job, &mut |e| bar.on_event(e))?;
-        drop(bar);
-        let json = serde_json::to_value(&report)?;
-        out::print(common, &json, || words(&report) + &format!("{}\n", self.out.display()))
+        self.fitting.run(&self.model, &self.videos, &self.out, common, animimic::fit, Path::to_path_buf)
     }
 }

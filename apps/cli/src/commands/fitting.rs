@@ -1,8 +1,9 @@
 //! What `animate` and `fit` have in common.
 
-use crate::Common;
+use crate::bar::Bar;
+use crate::{Common, out};
 use animimic::camera::CameraChoice;
-use animimic::{Job, Preset, Report};
+use animimic::{Error, Job, Preset, Progress, Report};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -36,8 +37,26 @@ pub struct Fitting {
 }
 
 impl Fitting {
+    /// Does `work` with a bar, and prints its report with what was made: the path that `made` finds in the result's.
+    pub fn run(
+        &self,
+        model: &Path,
+        videos: &[PathBuf],
+        result: &Path,
+        common: &Common,
+        work: impl FnOnce(&Job, &mut Progress) -> Result<Report, Error>,
+        made: impl FnOnce(&Path) -> PathBuf,
+    ) -> anyhow::Result<()> {
+        let job = self.job(model, videos.to_vec(), result, common);
+        let mut bar = Bar::new(common);
+        let report = work(&job, &mut |e| bar.on_event(e))?;
+        drop(bar);
+        let json = serde_json::to_value(&report)?;
+        out::print(common, &json, || words(&report) + &format!("{}\n", made(result).display()))
+    }
+
     /// The job that the options ask for.
-    pub fn job(&self, model: &Path, videos: Vec<PathBuf>, out: &Path, common: &Common) -> Job {
+    fn job(&self, model: &Path, videos: Vec<PathBuf>, out: &Path, common: &Common) -> Job {
         Job {
             camera: self.camera.clone(),
             clips: self.clips.clone(),
@@ -54,7 +73,7 @@ impl Fitting {
 }
 
 /// A report in a few lines for people.
-pub fn words(report: &Report) -> String {
+fn words(report: &Report) -> String {
     let mut text = String::new();
     for clip in &report.clips {
         let number = |key: &str| clip.metrics.get(key).and_then(|v| v.as_f64());

@@ -47,12 +47,7 @@ pub fn write(
     let folder = &job.out;
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     tell(progress, Event::Stage { name: "writing" })?;
-    clock.time("export", || {
-        let motions: Vec<Motion> = takes.iter().map(|t| t.motion.clone()).collect();
-        let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
-        let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
-        Ok(save_clips(folder.join("animated.glb"), asset, &motions, &ExportOptions { extras, ..Default::default() })?)
-    })?;
+    glb(&folder.join("animated.glb"), asset, takes, report, clock)?;
     let mut shown = Vec::new();
     for take in takes {
         let names = Names::new(folder, (takes.len() > 1).then_some(take.name.as_str()));
@@ -65,6 +60,16 @@ pub fn write(
     let page = html::page(report, &shown);
     io::write_atomically(folder.join("report.html"), |w| w.write_all(page.as_bytes()))?;
     Ok(())
+}
+
+/// Writes the model with a clip per take; what made it travels in the file.
+pub fn glb(path: &Path, asset: &Asset, takes: &[Take], report: &Report, clock: &mut Clock) -> Result<(), Error> {
+    clock.time("export", || {
+        let motions: Vec<Motion> = takes.iter().map(|t| t.motion.clone()).collect();
+        let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
+        let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
+        Ok(save_clips(path, asset, &motions, &ExportOptions { extras, ..Default::default() })?)
+    })
 }
 
 fn pictures(asset: &Asset, take: &Take, names: &Names, progress: &mut Progress) -> Result<Shown, Error> {

@@ -1,10 +1,8 @@
 //! Stage 1 alone: model and videos in, one animated GLB out, nothing else.
 
-use super::{Clock, Job, Report, solve};
+use super::{Clock, Job, Report, deliver, solve};
 use crate::Error;
 use crate::event::{Event, Progress, tell};
-use animimic_scene::Motion;
-use animimic_scene::io::gltf::{ExportOptions, save_clips};
 
 /// Finds the motion in the job's videos and writes the animated model to the file `job.out`.
 ///
@@ -18,10 +16,7 @@ pub fn fit(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     }
     let (asset, takes, mut report) = solve(job, &mut clock, progress)?;
     tell(progress, Event::Stage { name: "writing" })?;
-    let motions: Vec<Motion> = takes.into_iter().map(|t| t.motion).collect();
-    let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
-    let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
-    save_clips(&job.out, &asset, &motions, &ExportOptions { extras, ..Default::default() })?;
+    deliver::glb(&job.out, &asset, &takes, &report, &mut clock)?;
     report.timings = clock.to_json();
     Ok(report)
 }

@@ -19,7 +19,7 @@ pub struct Solved {
     pub motion: Motion,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
-    /// Wall time of each part of the fit [s].
+    /// Wall time of each part of the fit [s], in order; parts may come back.
     pub seconds: Vec<(&'static str, f64)>,
 }
 
@@ -72,7 +72,7 @@ fn own_tracks(scene: &Scene) -> Tracks {
     cues::tracks(scene.video, &scene.cues.masks, &cues::TrackOptions::default())
 }
 
-/// Time spent in each part, in the order in which they began.
+/// Time spent in each part, in order; a part that is entered again is there again.
 struct Stopwatch {
     running: (&'static str, Instant),
     seconds: Vec<(&'static str, f64)>,
@@ -89,11 +89,7 @@ impl Stopwatch {
             return;
         }
         let (name, since) = std::mem::replace(&mut self.running, (part, Instant::now()));
-        let spent = since.elapsed().as_secs_f64();
-        match self.seconds.iter_mut().find(|s| s.0 == name) {
-            Some(s) => s.1 += spent,
-            None => self.seconds.push((name, spent)),
-        }
+        self.seconds.push((name, since.elapsed().as_secs_f64()));
     }
 
     fn stop(mut self) -> Vec<(&'static str, f64)> {

@@ -1,7 +1,9 @@
 //! PSNR = 10·log10(1 / MSE) on sRGB-encoded values in [0, 1]: whole frame, and inside the object's box.
 
 use super::{Evidence, Metric, Missing, PicturePair, Reading, mean};
+use animimic_scene::image::bounds;
 use animimic_scene::{Image, Mask};
+use std::ops::Range;
 
 pub struct Psnr;
 
@@ -31,35 +33,25 @@ pub(super) fn whole_and_box(p: &PicturePair, measure: impl Fn(&Image, &Image) ->
         .into_par_iter()
         .map(|t| {
             let (a, b) = (&p.result[t], &p.reference[t]);
-            let boxed = p.object.get(t).and_then(bounding_box).map(|r| measure(&crop(a, r), &crop(b, r)));
+            let cut = |[columns, rows]: [Range<usize>; 2]| {
+                measure(&a.cropped(columns.clone(), rows.clone()), &b.cropped(columns, rows))
+            };
+            let boxed = p.object.get(t).and_then(bounding_box).map(cut);
             (measure(a, b), boxed)
         })
         .collect();
     (mean(per_frame.iter().map(|f| f.0)), mean(per_frame.iter().filter_map(|f| f.1)))
 }
 
-/// Columns and rows (x0, y0, x1, y1), the end exclusive.
-type Box2 = (usize, usize, usize, usize);
-
-/// Box of the pixels inside a mask, at least 11 pixels wide and high where the picture is.
-fn bounding_box(mask: &Mask) -> Option<Box2> {
+/// Columns and rows of the pixels inside a mask, at least 11 pixels wide and high where the picture is.
+fn bounding_box(mask: &Mask) -> Option<[Range<usize>; 2]> {
     const WINDOW: usize = 11; // SSIM's window must fit
-    let inside = |x: usize, y: usize| mask.inside(x, y);
-    let columns: Vec<usize> = (0..mask.width).filter(|&x| (0..mask.height).any(|y| inside(x, y))).collect();
-    let rows: Vec<usize> = (0..mask.height).filter(|&y| (0..mask.width).any(|x| inside(x, y))).collect();
-    let widen = |lo: usize, hi: usize, n: usize| {
-        let lack = WINDOW.saturating_sub(hi - lo);
-        let lo = lo.saturating_sub(lack.div_ceil(2));
-        (lo, (hi + lack).min(n))
+    let widen = |r: Range<usize>, n: usize| {
+        let lack = WINDOW.saturating_sub(r.len());
+        r.start.saturating_sub(lack.div_ceil(2))..(r.end + lack).min(n)
     };
-    let (x0, x1) = widen(*columns.first()?, columns.last()? + 1, mask.width);
-    let (y0, y1) = widen(*rows.first()?, rows.last()? + 1, mask.height);
-    Some((x0, y0, x1, y1))
-}
-
-fn crop(image: &Image, (x0, y0, x1, y1): Box2) -> Image {
-    let rgb = (y0..y1).flat_map(|y| image.rgb[y * image.width + x0..y * image.width + x1].iter().copied()).collect();
-    Image { width: x1 - x0, height: y1 - y0, rgb }
+    let [columns, rows] = bounds(mask.width, mask.height, |x, y| mask.inside(x, y))?;
+    Some([widen(columns, mask.width), widen(rows, mask.height)])
 }
 
 /// PSNR of two pictures of one size [dB], at most 100.

@@ -10,6 +10,7 @@ use crate::stage1::correspond::Correspondences;
 use crate::stage1::given::Given;
 use crate::stage1::sight::{Sight, Studio};
 use crate::stage1::subject::Subject;
+use crate::terms::{reading, slope};
 use crate::view::project;
 use animimic_math::so3;
 use animimic_render::Light;
@@ -207,19 +208,13 @@ impl<'a> Loss<'a> {
             return 0.0;
         }
         let camera = self.model.camera;
-        let reading = |a: u32| {
-            let z = camera.to_view(targets.anchors[a as usize].position(posed)).z.max(1e-6);
-            match self.kind {
-                DepthKind::Metric => (z, 1.0),
-                DepthKind::Inverse => (1.0 / z, -1.0 / (z * z)),
-            }
-        };
-        let ours: Vec<(f64, f64)> = targets.depth.iter().map(|d| reading(d.anchor)).collect();
+        let place = |a: u32| camera.to_view(targets.anchors[a as usize].position(posed)).z;
+        let ours: Vec<f64> = targets.depth.iter().map(|d| reading(self.kind, place(d.anchor))).collect();
         let seen: Vec<f64> = targets.depth.iter().map(|d| d.depth).collect();
-        let (value, slopes) = spread_l1(&ours.iter().map(|r| r.0).collect::<Vec<_>>(), &seen);
+        let (value, slopes) = spread_l1(&ours, &seen);
         let axis = camera.view_from_world.matrix3.row(2);
-        for ((d, (_, slope)), s) in targets.depth.iter().zip(&ours).zip(slopes) {
-            forces[d.anchor as usize] += axis * (DEPTH * s * slope);
+        for ((d, ours), s) in targets.depth.iter().zip(&ours).zip(slopes) {
+            forces[d.anchor as usize] += axis * (DEPTH * s * slope(self.kind, *ours));
         }
         DEPTH * value
     }

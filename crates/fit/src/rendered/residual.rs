@@ -5,6 +5,7 @@
 
 use super::Observed;
 use animimic_render::{PyramidLevel, Raster, pyramid, pyramid_vjp};
+use animimic_scene::image::bounds;
 
 /// The part of the picture that losses look at: all that is drawn or observed, aligned to whole cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,22 +28,14 @@ impl Window {
     pub fn around(raster: &Raster, seen: &Observed) -> Self {
         let (w, h) = (raster.width, raster.height);
         assert_eq!((seen.image.width, seen.image.height), (w, h), "the frame has the camera's size");
-        let (mut x0, mut y0, mut x1, mut y1) = (w, h, 0, 0);
-        for y in 0..h {
-            let inside = |x: &usize| raster.covered(y * w + x) || seen.mask.coverage[y * w + x] > 0;
-            if let Some(first) = (0..w).find(inside) {
-                let last = (first..w).rev().find(inside).unwrap_or(first);
-                (x0, x1) = (x0.min(first), x1.max(last));
-                (y0, y1) = (y0.min(y), y);
-            }
-        }
-        if x1 < x0 {
+        let shown = |x: usize, y: usize| raster.covered(y * w + x) || seen.mask.coverage[y * w + x] > 0;
+        let Some([columns, rows]) = bounds(w, h, shown) else {
             return Self { x0: 0, y0: 0, width: 0, height: 0 };
-        }
+        };
         let low = |v: usize| v.saturating_sub(1) / ALIGNMENT * ALIGNMENT;
-        let high = |v: usize, end: usize| ((v + 2).div_ceil(ALIGNMENT) * ALIGNMENT).min(end);
-        let (x0, y0) = (low(x0), low(y0));
-        Self { x0, y0, width: high(x1, w) - x0, height: high(y1, h) - y0 }
+        let high = |v: usize, end: usize| ((v + 1).div_ceil(ALIGNMENT) * ALIGNMENT).min(end);
+        let (x0, y0) = (low(columns.start), low(rows.start));
+        Self { x0, y0, width: high(columns.end, w) - x0, height: high(rows.end, h) - y0 }
     }
 
     /// Picture pixels of the window, row by row.

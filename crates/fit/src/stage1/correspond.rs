@@ -7,6 +7,7 @@ use crate::color::{color_distance, luma};
 use crate::terms::{DepthTarget, PixelTarget};
 use animimic_render::NONE;
 use animimic_rig::Anchor;
+use animimic_scene::image::bounds;
 use animimic_scene::{Image, Mask};
 use glam::DVec2;
 
@@ -142,27 +143,15 @@ struct Window {
 impl Window {
     fn around(sight: &Sight, mask: &Mask) -> Option<Self> {
         let (w, h) = (mask.width, mask.height);
-        let (mut x0, mut y0, mut x1, mut y1) = (w, h, 0, 0);
-        for y in 0..h {
-            for x in 0..w {
-                if sight.raster.triangle[y * w + x] != NONE || mask.inside(x, y) {
-                    (x0, x1) = (x0.min(x), x1.max(x));
-                    (y0, y1) = (y0.min(y), y1.max(y));
-                }
-            }
-        }
-        if x1 < x0 {
-            return None;
-        }
-        let (x0, y0) = (x0.saturating_sub(CROP_MARGIN), y0.saturating_sub(CROP_MARGIN));
-        let (x1, y1) = ((x1 + CROP_MARGIN).min(w - 1), (y1 + CROP_MARGIN).min(h - 1));
-        Some(Self { x0, y0, width: x1 - x0 + 1, height: y1 - y0 + 1 })
+        let shown = |x: usize, y: usize| sight.raster.triangle[y * w + x] != NONE || mask.inside(x, y);
+        let [columns, rows] = bounds(w, h, shown)?;
+        let (x0, y0) = (columns.start.saturating_sub(CROP_MARGIN), rows.start.saturating_sub(CROP_MARGIN));
+        let (x1, y1) = ((columns.end + CROP_MARGIN).min(w), (rows.end + CROP_MARGIN).min(h));
+        Some(Self { x0, y0, width: x1 - x0, height: y1 - y0 })
     }
 
     fn cut(&self, image: &Image) -> Image {
-        let rows = (self.y0..self.y0 + self.height)
-            .flat_map(|y| image.rgb[y * image.width + self.x0..][..self.width].iter().copied());
-        Image { width: self.width, height: self.height, rgb: rows.collect() }
+        image.cropped(self.x0..self.x0 + self.width, self.y0..self.y0 + self.height)
     }
 }
 

@@ -46,7 +46,8 @@ impl Stage<'_> {
     /// Tries to mirror limbs in depth over stretches of frames that do not look right, and keeps what looks better.
     pub fn flip_limbs(&self, poses: &mut [FramePose]) {
         let mut kept: Vec<Flip> = Vec::new();
-        for flip in self.promising(poses).into_iter().take(MOST_TRIALS) {
+        let mut mismatches = self.mismatches(poses);
+        for flip in self.promising(poses, &mismatches).into_iter().take(MOST_TRIALS) {
             if kept.iter().any(|k| k.limb == flip.limb && overlap(&k.frames, &flip.frames)) {
                 continue;
             }
@@ -57,11 +58,10 @@ impl Stage<'_> {
                 let found = self.correspond_all(&trial, active.clone());
                 self.solve(&mut trial[..active.end], active.clone(), &found, self.final_strength(), 8);
             }
-            let unlike = |poses: &[FramePose]| -> f64 {
-                let each: Vec<f64> = active.clone().into_par_iter().map(|t| self.mismatch(&poses[t], t)).collect();
-                each.iter().sum()
-            };
-            if unlike(&trial) < CLEARLY * unlike(poses) {
+            let there: Vec<f64> = active.clone().into_par_iter().map(|t| self.mismatch(&trial[t], t)).collect();
+            let here = &mut mismatches[active];
+            if there.iter().sum::<f64>() < CLEARLY * here.iter().sum::<f64>() {
+                here.copy_from_slice(&there);
                 poses.clone_from_slice(&trial);
                 kept.push(flip);
             }
@@ -69,8 +69,7 @@ impl Stage<'_> {
     }
 
     /// All flips that are not plainly wrong, the best looking first.
-    fn promising(&self, poses: &[FramePose]) -> Vec<Flip> {
-        let mismatches = self.mismatches(poses);
+    fn promising(&self, poses: &[FramePose], mismatches: &[f64]) -> Vec<Flip> {
         let wrong = |r: &Range<usize>| {
             mismatches[r.clone()].iter().sum::<f64>() > LOOKS_RIGHT * self.usual_mismatch * r.len() as f64
         };
@@ -171,15 +170,13 @@ fn stretches(leans: &[f64]) -> Vec<Range<usize>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Settings, first_light, stage};
     use super::*;
-    use crate::fixtures::with_video;
+    use crate::fixtures::with_stage;
 
     #[test]
     fn a_flip_mirrors_its_bones_in_depth_keeps_the_others_and_undoes_itself() {
-        with_video(|input, subject, truth| {
-            let light = first_light(input, subject).expect("the object is seen");
-            let stage = stage(input, subject, &light, Settings::default());
+        with_stage(|stage, truth| {
+            let subject = stage.subject;
             let pose = &truth[3];
             let mut mirrored = 0;
             for (limb, l) in subject.limbs.iter().enumerate() {

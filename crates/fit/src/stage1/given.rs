@@ -161,32 +161,12 @@ fn sample(map: &DepthMap, at: DVec2, step: f64) -> Option<f64> {
 mod tests {
     use super::super::{Input, Settings, fit};
     use super::*;
+    use crate::fixtures::{asset, camera, truth};
     use animimic_render::Light;
-    use animimic_rig::FramePose;
-    use animimic_rig::fixtures::creature;
-    use animimic_scene::{Asset, Image, Look, Mask, Part};
+    use animimic_scene::{Image, Mask};
     use std::ops::ControlFlow;
 
     const FRAMES: usize = 6;
-
-    fn asset() -> Asset {
-        let (rig, mut mesh) = creature();
-        mesh.parts = vec![Part {
-            name: "all".into(),
-            vertices: 0..mesh.positions.len(),
-            triangles: 0..mesh.triangles.len(),
-            look: 0,
-        }];
-        Asset { mesh, rig, looks: vec![Look { double_sided: true, ..Look::default() }], ..Asset::default() }
-    }
-
-    /// Joints that turn by themselves in the true motion: parts that are seen.
-    fn truth(subject: &Subject) -> Vec<FramePose> {
-        let tree = &subject.tree.kinematics;
-        let step =
-            |t: usize| -> Vec<f64> { (0..tree.dimension).map(|i| 0.03 * t as f64 * (1.7 * i as f64).sin()).collect() };
-        (0..FRAMES).map(|t| tree.retract(&tree.rest(), &step(t))).collect()
-    }
 
     /// Exact depth of a drawing, times and plus something; as 1/z if `kind` says so.
     fn depth_map(sight: &Sight, kind: DepthKind) -> DepthMap {
@@ -208,11 +188,11 @@ mod tests {
     fn error_pct(kind: Option<DepthKind>) -> f64 {
         let asset = asset();
         let subject = Subject::new(&asset).expect("can be drawn");
-        let camera = Camera::orbit(DVec3::new(1.0, 0.6, 0.9), 6.5, 0.6, 0.2, 0.7, 320, 320);
+        let camera = camera(320);
         let light = Light::ambient(1.0);
         let studio = super::super::sight::Studio { camera: &camera, light: &light };
         let blank = Image::filled(320, 320, [90; 3]);
-        let truth = truth(&subject);
+        let truth = truth(&subject, FRAMES);
         let sights: Vec<Sight> = truth.iter().map(|p| Sight::draw(&subject, &studio, &blank, p)).collect();
         let masks: Vec<Mask> = sights.iter().map(|s| s.raster.mask()).collect();
         let points: Vec<Anchor> = (0..320 * 320)

@@ -63,16 +63,14 @@ impl Stage<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Settings, first_light, stage};
     use super::*;
-    use crate::fixtures::with_video;
+    use crate::fixtures::with_stage;
     use animimic_math::so3;
 
     #[test]
     fn a_still_part_is_held_harder_than_a_lively_one_and_all_directions_alike() {
-        with_video(|input, subject, _| {
-            let light = first_light(input, subject).expect("the object is seen");
-            let stage = stage(input, subject, &light, Settings::default());
+        with_stage(|stage, _| {
+            let subject = stage.subject;
             let tree = &subject.tree.kinematics;
             let limb = &subject.limbs[0];
             let (lively, other) = (limb.levers[0], tree.parents[limb.levers[0]].expect("limbs hang on something"));

@@ -6,10 +6,10 @@
 
 use super::correspond::Frame;
 use super::solve::{Stage, Strength};
-use crate::combined::{Combined, pose_all};
+use crate::combined::Combined;
 use crate::quasi_newton::minimise;
 use crate::rendered::{MaskLoss, Model, Observed, RgbLoss, Weighted};
-use crate::solver::linearize;
+use crate::solver::{linearize, pose_all};
 use animimic_math::block_tridiagonal::Factor;
 use animimic_render::{Light, solve_exposure};
 use animimic_rig::FramePose;
@@ -135,16 +135,14 @@ const LEAST_AREA_PX: f64 = 400.0;
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Settings, first_light, stage};
     use super::*;
-    use crate::fixtures::with_video;
+    use crate::fixtures::with_stage;
     use animimic_math::gradcheck::SplitMix64;
 
     #[test]
     fn the_polish_descends_looks_more_like_the_video_and_gives_the_same_bytes_for_any_number_of_threads() {
-        with_video(|input, subject, truth| {
-            let light = first_light(input, subject).expect("the object is seen");
-            let stage = stage(input, subject, &light, Settings::default());
+        with_stage(|stage, truth| {
+            let subject = stage.subject;
             let tree = &subject.tree.kinematics;
             let mut rng = SplitMix64(5);
             let mut near =

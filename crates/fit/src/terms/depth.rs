@@ -51,27 +51,27 @@ struct Fit {
     depths: Vec<f64>,
 }
 
+/// f(z): what an estimator of this kind would say.
+pub(crate) fn reading(kind: DepthKind, z: f64) -> f64 {
+    match kind {
+        DepthKind::Metric => z,
+        DepthKind::Inverse => 1.0 / z.max(NEAREST_DEPTH),
+    }
+}
+
+/// f'(z) at a value of f.
+pub(crate) fn slope(kind: DepthKind, reading: f64) -> f64 {
+    match kind {
+        DepthKind::Metric => 1.0,
+        DepthKind::Inverse => -reading * reading,
+    }
+}
+
 impl Depth {
-    /// f(z).
-    fn reading(&self, z: f64) -> f64 {
-        match self.kind {
-            DepthKind::Metric => z,
-            DepthKind::Inverse => 1.0 / z.max(NEAREST_DEPTH),
-        }
-    }
-
-    /// f'(z) at a value of f.
-    fn slope(&self, reading: f64) -> f64 {
-        match self.kind {
-            DepthKind::Metric => 1.0,
-            DepthKind::Inverse => -reading * reading,
-        }
-    }
-
     fn fit(&self, context: &Context, at: &At) -> Fit {
         let targets = &self.targets[at.frame];
         let axis = |t: &DepthTarget| {
-            self.reading(context.camera.to_view(context.anchors[t.anchor as usize].position(at.posed)).z)
+            reading(self.kind, context.camera.to_view(context.anchors[t.anchor as usize].position(at.posed)).z)
         };
         let depths: Vec<f64> = targets.iter().map(axis).collect();
         if !self.affine {
@@ -124,7 +124,7 @@ impl Term for Depth {
         let mut inner = [0.0; 3];
         let mut row = Vec::new();
         for (t, &z) in self.targets[at.frame].iter().zip(&fit.depths) {
-            let slope = self.slope(z) * fit.scale / self.sigma;
+            let slope = slope(self.kind, z) * fit.scale / self.sigma;
             let r = (fit.scale * z + fit.shift - t.depth) / self.sigma;
             let w = self.weight * t.weight * self.robust.weight(r.abs());
             row.clear();

@@ -9,6 +9,7 @@ mod penetration;
 mod pixel;
 
 pub use depth::{Depth, DepthTarget};
+pub(crate) use depth::{reading, slope};
 pub use joint_prior::{JointPrior, JointPriors};
 pub use penetration::{BallPair, Penetration};
 pub use pixel::{PixelTarget, Pixels};

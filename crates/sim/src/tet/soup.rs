@@ -69,7 +69,6 @@ impl Soup {
         let triangles = seen.iter().map(|&(_, k)| mesh.triangles[k].map(|v| welded[v as usize])).collect();
         let mut soup = Self { positions, triangles, welded, bounds: [lo, hi], ..Self::default() };
         let sides = soup.sides();
-        soup.wind_consistently(&sides);
         soup.find_components(&sides);
         soup.turn_outwards(&sides);
         soup.joints = soup.joined(&sides);
@@ -111,29 +110,8 @@ impl Soup {
         neighbours
     }
 
-    /// Turns triangles over that are wound against those they were reached from; one-sided surfaces keep one seam.
-    fn wind_consistently(&mut self, sides: &[([u32; 2], u32)]) {
-        let neighbours = self.manifold_neighbours(sides);
-        let mut done = vec![false; self.triangles.len()];
-        for first in 0..self.triangles.len() {
-            let mut stack = vec![first as u32];
-            while let Some(t) = stack.pop() {
-                if std::mem::replace(&mut done[t as usize], true) {
-                    continue;
-                }
-                for &u in &neighbours[t as usize] {
-                    if !done[u as usize] {
-                        if runs_alike(&self.triangles[t as usize], &self.triangles[u as usize]) {
-                            self.triangles[u as usize].swap(1, 2);
-                        }
-                        stack.push(u);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Components across edges of two triangles; sheets that meet at an edge of more are components of their own.
+    /// Numbers components across edges of two triangles (sheets that meet at an edge of more are components of their own), and
+    /// turns triangles over that are wound against those they were reached from; one-sided surfaces keep one seam.
     fn find_components(&mut self, sides: &[([u32; 2], u32)]) {
         let neighbours = self.manifold_neighbours(sides);
         self.component = vec![u32::MAX; self.triangles.len()];
@@ -143,9 +121,18 @@ impl Soup {
             }
             let mut stack = vec![first as u32];
             while let Some(t) = stack.pop() {
-                if self.component[t as usize] == u32::MAX {
-                    self.component[t as usize] = self.component_count as u32;
-                    stack.extend(&neighbours[t as usize]);
+                let own = &mut self.component[t as usize];
+                if *own != u32::MAX {
+                    continue;
+                }
+                *own = self.component_count as u32;
+                for &u in &neighbours[t as usize] {
+                    if self.component[u as usize] == u32::MAX {
+                        if runs_alike(&self.triangles[t as usize], &self.triangles[u as usize]) {
+                            self.triangles[u as usize].swap(1, 2);
+                        }
+                        stack.push(u);
+                    }
                 }
             }
             self.component_count += 1;
