@@ -20,6 +20,8 @@ enum Kind {
     Presets,
     /// Constitutive models of soft tissue
     Models,
+    /// Ways to deliver motion that goes beyond the skeleton
+    Physics,
 }
 
 impl List {
@@ -41,6 +43,9 @@ impl List {
             }
             Kind::Presets => {
                 animimic::Preset::ALL.iter().map(|p| (p.name().to_owned(), p.summary().to_owned())).collect()
+            }
+            Kind::Physics => {
+                animimic::physics::ENCODINGS.iter().map(|e| (e.name().to_owned(), e.summary().to_owned())).collect()
             }
             Kind::Models => {
                 animimic::sim::Model::ALL.iter().map(|m| (m.name().to_owned(), m.about().to_owned())).collect()

@@ -40,6 +40,6 @@ commands! {
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
-    /// List what there is of a kind: formats, metrics, cameras, cues, presets, models
+    /// List what there is of a kind: formats, metrics, cameras, cues, presets, models, physics
     list::List,
 }

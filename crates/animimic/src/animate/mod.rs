@@ -22,7 +22,7 @@ use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
 use crate::{Against, Error, evaluate};
 use animimic_rig::proxy;
-use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
+use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -36,6 +36,8 @@ pub(crate) struct Take {
     pub mask_confidence: Vec<f32>,
     pub camera: CameraFile,
     pub motion: Motion,
+    /// Where the surface goes beyond the skin; `None` where it does not.
+    pub trajectory: Option<Trajectory>,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
 }
@@ -181,6 +183,7 @@ fn take(
         mask_confidence: found.mask_confidence,
         camera,
         motion: solved.motion,
+        trajectory: None,
         losses: solved.losses,
         uncertain: solved.uncertain,
     })

@@ -1,7 +1,7 @@
 //! What `animate` is asked to do.
 
-use crate::Error;
 use crate::camera::CameraChoice;
+use crate::{Error, Physics};
 use animimic_fit::Preset;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -31,6 +31,8 @@ pub struct Job {
     pub depth: Vec<PathBuf>,
     /// How the motion is found.
     pub preset: Preset,
+    /// How motion that goes beyond the skeleton is delivered.
+    pub physics: Physics,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -53,6 +55,7 @@ impl Job {
             tracks: Vec::new(),
             depth: Vec::new(),
             preset: Preset::Default,
+            physics: Physics::default(),
             seed: 0,
         }
     }

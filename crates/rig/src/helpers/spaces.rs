@@ -20,6 +20,8 @@ pub struct Spaces {
     rest: Vec<DAffine3>,
     /// Joint \[slot\].
     joints: Vec<usize>,
+    /// The root above each joint: joints of one skin need a common one.
+    roots: Vec<usize>,
 }
 
 impl Spaces {
@@ -60,14 +62,20 @@ impl Spaces {
                 *group = None;
             }
         }
-        Self { group_of, shared, rest, joints: slots.iter().map(|s| s.joint).collect() }
+        let mut roots: Vec<usize> = Vec::new();
+        for (j, joint) in rig.skeleton.joints.iter().enumerate() {
+            roots.push(joint.parent.map_or(j, |p| roots[p]));
+        }
+        Self { group_of, shared, rest, joints: slots.iter().map(|s| s.joint).collect(), roots }
     }
 
     /// Where the points of a helper that is born on `joint` are at rest: the map from the buffers of `group` to the displayed rest, if there
     /// is one.
     pub fn map(&self, joint: usize, group: usize) -> Option<DAffine3> {
-        let own = (0..self.joints.len()).find(|&s| self.group_of[s] == group && self.joints[s] == joint);
-        self.shared[group].or_else(|| own.map(|s| self.rest[s]))
+        let mut slots = (0..self.joints.len()).filter(|&s| self.group_of[s] == group);
+        let own = slots.clone().find(|&s| self.joints[s] == joint);
+        let one_tree = slots.any(|s| self.roots[self.joints[s]] == self.roots[joint]);
+        self.shared[group].filter(|_| one_tree).or_else(|| own.map(|s| self.rest[s]))
     }
 
     /// Whether the displayed rest is the bind pose everywhere.
