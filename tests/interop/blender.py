@@ -28,7 +28,8 @@ def mesh_nodes(path):
     for i, node in enumerate(j["nodes"]):
         if "mesh" in node:
             primitives = j["meshes"][node["mesh"]]["primitives"]
-            out.append((i, node.get("name"), sum(j["accessors"][p["attributes"]["POSITION"]]["count"] for p in primitives)))
+            mesh = j["meshes"][node["mesh"]].get("name")
+            out.append((i, (node.get("name"), mesh), sum(j["accessors"][p["attributes"]["POSITION"]]["count"] for p in primitives)))
     return j, out
 
 
@@ -141,9 +142,11 @@ def input_deviation(path, z):
 
 def in_node_order(imported, nodes):
     ordered = []
-    for _, name, count in nodes:
+    for _, (name, mesh), count in nodes:
         free = [o for o in imported if o not in ordered and len(o.data.vertices) == count]
-        match = [o for o in free if o.name == name] or [o for o in free if name and o.name.split(".")[0] == name.split(".")[0]] or free
+        match = [o for o in free if o.name == name] or [o for o in free if name and o.name.split(".")[0] == name.split(".")[0]]
+        # Objects with shape keys are called after their meshes.
+        match = match or [o for o in free if mesh and mesh in (o.name, o.data.name)] or free
         if not match:
             raise ValueError(f"no object of {count} vertices for node {name}")
         ordered.append(match[0])

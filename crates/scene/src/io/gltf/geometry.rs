@@ -154,6 +154,7 @@ impl Geometry<'_> {
             vertices: first..first + count,
             triangles: first_triangle..self.mesh.triangles.len(),
             look,
+            skin: binding.map(|b| b.index),
         });
         Ok(())
     }
