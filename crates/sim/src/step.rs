@@ -4,7 +4,7 @@
 //! such strategies), clamped where no moderate shift is enough. Between factorisations the last factor preconditions
 //! conjugate gradients on the present Hessian while that is the cheaper way to the same direction.
 
-use crate::body::Body;
+use crate::body::{Body, signed_volume};
 use crate::elasticity::Elasticity;
 use crate::error::{SimError, check_finite, check_len};
 use crate::filter::{Eigenvalues, Filter};
@@ -95,7 +95,11 @@ impl Stepper<'_> {
                 return;
             }
             if speed < self.settings.tolerance {
-                self.add_free(y, 1.0, &dx);
+                let mut last = y.clone();
+                self.add_free(&mut last, 1.0, &dx);
+                if self.keeps_upright(y, &last) {
+                    *y = last;
+                }
                 report.converged = true;
                 report.saddle = eigenvalues == Eigenvalues::True && self.is_indefinite(hessian);
                 if !report.saddle || report.saddle_escapes == MAX_ESCAPES || self.settings.filter == Filter::None {
@@ -188,7 +192,7 @@ impl Stepper<'_> {
         // The full step is nearly always taken: assemble there at once instead of asking for the energy first.
         let full = moved(self, 1.0);
         let next = self.assemble(objective, &full, eigenvalues);
-        if enough(next.value, 1.0) {
+        if enough(next.value, 1.0) && self.keeps_upright(y, &full) {
             *y = full;
             return Some(next);
         }
@@ -197,12 +201,18 @@ impl Stepper<'_> {
             a *= 0.5;
             report.line_search_cuts += 1;
             let trial = moved(self, a);
-            if enough(self.value(objective, &trial), a) {
+            if self.keeps_upright(y, &trial) && enough(self.value(objective, &trial), a) {
                 *y = trial;
                 return Some(self.assemble(objective, y, eigenvalues));
             }
         }
         None
+    }
+
+    /// Whether no tet that is upright at `from` is inverted or flat at `to`, as far as the settings ask.
+    fn keeps_upright(&self, from: &[DVec3], to: &[DVec3]) -> bool {
+        let falls = |t: &[u32; 4]| signed_volume(to, t) <= 0.0 && signed_volume(from, t) > 0.0;
+        !self.settings.upright || !self.body.tets.iter().any(falls)
     }
 
     /// Whether A is known or found to be indefinite. An iterative direction cannot tell by itself: what it solves for may have

@@ -1,0 +1,95 @@
+//! Soft tissue on the true joint motion of every case: what the simulation keeps, and what it costs.
+//! `cargo run --release -p animimic --example soft_cases [CASE…]`
+
+mod recorded;
+
+use animimic::metrics::intersecting_pairs;
+use animimic::sim::{Elasticity, Model};
+use animimic_fit::soft::{Physics, Settings, Tissue};
+use rayon::prelude::*;
+use std::time::Instant;
+
+fn main() {
+    let Some(folder) = recorded::cases() else { return println!("the test data is absent") };
+    let wanted: Vec<String> = std::env::args().skip(1).collect();
+    let youngs: f64 = std::env::var("YOUNG").ok().and_then(|v| v.parse().ok()).unwrap_or(1e5);
+    for name in recorded::names(&folder).iter().filter(|n| wanted.is_empty() || wanted.contains(n)) {
+        let (asset, motion) = recorded::recorded(&folder.join(name));
+        let clock = Instant::now();
+        let tissue = Tissue::new(&asset, &Settings::default()).unwrap();
+        let built = clock.elapsed().as_secs_f64();
+        let elasticity = Elasticity::uniform(Model::GuardedCorotated, tissue.body.tets.len(), youngs, 0.4, 1000.0);
+        let clock = Instant::now();
+        let simulated = tissue.simulate(&elasticity, &Physics::default(), &motion.poses, motion.fps).unwrap();
+        let spent = clock.elapsed().as_secs_f64();
+        let frames: Vec<_> = simulated.frames().collect();
+        let pairs: Vec<(usize, usize)> = motion
+            .poses
+            .par_iter()
+            .zip(frames)
+            .map(|(pose, cage)| {
+                let world = tissue.world(pose);
+                let (skin, soft) = (asset.rig.skinned(&world), tissue.surface(cage, &world));
+                (intersecting_pairs(&asset.mesh, &skin), intersecting_pairs(&asset.mesh, &soft))
+            })
+            .collect();
+        if let Ok(out) = std::env::var("OUT") {
+            sheet(&tissue, &motion.poses, &simulated, &folder.join(name), &format!("{out}/{name}_{youngs:.0e}.png"));
+        }
+        let d = asset.mesh.diagonal();
+        let away: Vec<f64> = motion.poses.iter().zip(simulated.frames()).flat_map(|(pose, cage)| {
+            let world = tissue.world(pose);
+            let (skin, soft) = (asset.rig.skinned(&world), tissue.surface(cage, &world));
+            skin.iter().zip(soft).map(|(a, b)| 100.0 * a.distance(b) / d).collect::<Vec<_>>()
+        }).collect();
+        let mut sorted = away.clone();
+        sorted.sort_by(f64::total_cmp);
+        let q = |p: f64| sorted[((sorted.len() - 1) as f64 * p) as usize];
+        println!("    from skinning [% diagonal]: median {:.2} p90 {:.2} p99 {:.2} max {:.2}", q(0.5), q(0.9), q(0.99), q(1.0));
+        if std::env::var("WHERE").is_ok() {
+            let mut shown = std::collections::BTreeMap::new();
+            for (n, x) in simulated.simulation.steps.iter().enumerate() {
+                for (t, tet) in tissue.body.tets.iter().enumerate() {
+                    let [a, b, c, e] = tet.map(|v| x[v as usize]);
+                    if (b - a).cross(c - a).dot(e - a) <= 0.0 { shown.entry(t).or_insert((n, 0)).1 += 1; }
+                }
+            }
+            for (t, (n, count)) in shown {
+                let names: Vec<String> = tissue.body.tets[t].iter().map(|&v| {
+                    let d = tissue.driver[v as usize];
+                    let (m, w) = tissue.weights.main(v as usize);
+                    let name = &asset.rig.skeleton.joints[tissue.weights.joints[m]].name;
+                    format!("{}{name}:{w:.2}", if d == u32::MAX { "" } else { "*" })
+                }).collect();
+                println!("   tet {t} first at step {n}, {count} steps: {names:?}");
+            }
+            println!("   unconverged {:?}", r_unconverged(&simulated));
+        }
+        let (skin, soft) = pairs.iter().fold((0, 0), |s, p| (s.0 + p.0, s.1 + p.1));
+        let worse = pairs.iter().filter(|p| p.1 > p.0).count();
+        let r = &simulated.report;
+        println!(
+            "{name:18} tets {:5} verts {:5} driven {:.2} built {built:.2} s, {} frames {spent:.2} s x{} newton {} inverted {} unconverged {} volume {:.3} pairs {skin} -> {soft} ({worse} frames worse) E {youngs:.0e}",
+            tissue.body.tets.len(), tissue.body.rest.len(), tissue.driven_share(), motion.poses.len(), r.substeps, r.newton, r.inverted, r.unconverged.len(), r.volume_change,
+        );
+    }
+}
+
+/// Six frames: skinning above, soft below.
+fn sheet(tissue: &Tissue, poses: &[animimic::scene::Pose], simulated: &animimic_fit::soft::Simulated, case: &std::path::Path, out: &str) {
+    let camera = animimic::scene::io::camera_json::read(case.join("camera.json")).unwrap().main.resized(400, 400);
+    let studio = animimic::pictures::Studio::with_light(tissue.asset, Default::default()).unwrap();
+    let frames: Vec<_> = simulated.frames().collect();
+    let mut sheet = animimic::scene::Image::filled(2400, 800, [226, 228, 230]);
+    for k in 0..6 {
+        let t = k * (poses.len() - 1) / 5;
+        let world = tissue.world(&poses[t]);
+        for (row, x) in [tissue.asset.rig.skinned(&world), tissue.surface(frames[t], &world)].iter().enumerate() {
+            let picture = studio.draw(&camera, x, [226, 228, 230]).0;
+            animimic_render::overlay::paste(&mut sheet, &picture, 400 * k, 400 * row);
+        }
+    }
+    animimic_video::write_png(std::path::Path::new(out), &sheet).unwrap();
+}
+
+fn r_unconverged(s: &animimic_fit::soft::Simulated) -> &Vec<(usize, f64)> { &s.report.unconverged }
