@@ -10,6 +10,7 @@ use crate::error::{SimError, check_finite, check_len};
 use crate::filter::{Eigenvalues, Filter};
 use crate::settings::{Settings, State, StepReport};
 use crate::stepper::{Assembled, Objective, Stepper};
+use crate::tethers::check_ends;
 use animimic_math::gradcheck::SplitMix64;
 use animimic_math::sparse::krylov::Ended;
 use glam::DVec3;
@@ -52,18 +53,21 @@ pub fn step(
 }
 
 impl Stepper<'_> {
-    /// One step of length frame_time / substeps from `start`; `driven` are the driven vertices' positions [m] at its end.
+    /// One step of length frame_time / substeps from `start`; `driven` are the driven vertices' positions [m] at its end,
+    /// then those of the tethers' ends.
     ///
     /// Not reaching the tolerance is not an error but is in the report.
     pub fn step(&mut self, start: &State, driven: &[DVec3]) -> Result<(State, StepReport), SimError> {
         let n = self.body.rest.len();
         check_len("positions", start.positions.len(), n)?;
         check_len("velocities", start.velocities.len(), n)?;
-        check_len("driven positions", driven.len(), self.body.driven.len())?;
+        check_len("driven positions", driven.len(), self.body.driven.len() + self.body.tethers.len())?;
         check_finite("position", &start.positions)?;
         check_finite("velocity", &start.velocities)?;
         check_finite("driven position", driven)?;
-        let objective = self.objective(start);
+        let (driven, ends) = driven.split_at(self.body.driven.len());
+        check_ends(ends)?;
+        let objective = Objective { ends, ..self.objective(start) };
         let mut report = StepReport::default();
         let (mut y, first) = self.first_guess(&objective, driven, &mut report);
         self.minimise(&objective, &mut y, first, &mut report);

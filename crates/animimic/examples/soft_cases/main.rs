@@ -46,6 +46,32 @@ fn main() {
         sorted.sort_by(f64::total_cmp);
         let q = |p: f64| sorted[((sorted.len() - 1) as f64 * p) as usize];
         println!("    from skinning [% diagonal]: median {:.2} p90 {:.2} p99 {:.2} max {:.2}", q(0.5), q(0.9), q(0.99), q(1.0));
+        if std::env::var("BONES").is_ok() {
+            for (b, bone) in tissue.bones.iter().enumerate() {
+                let joint = tissue.weights.joints[bone.joint];
+                let driven = tissue.holds.iter().filter(|h| h.joint as usize == bone.joint).count();
+                let mut worst = 0.0f64;
+                let mut found = 0;
+                for s in [0.4, 0.5, 0.6] {
+                    let p = bone.ends[0].lerp(bone.ends[1], s);
+                    let place = tissue.cage.mesh.tets.iter().find_map(|tet| {
+                        let x = tet.map(|v| tissue.cage.mesh.positions[v as usize]);
+                        let m = glam::DMat3::from_cols(x[1] - x[0], x[2] - x[0], x[3] - x[0]).inverse() * (p - x[0]);
+                        let b = [1.0 - m.element_sum(), m.x, m.y, m.z];
+                        let own = tet.iter().zip(b).map(|(&v, b)| tissue.weights.rows[v as usize][bone.joint] * b).sum::<f64>();
+                        (b.iter().all(|v| *v > -1e-9) && own > 0.5).then_some((*tet, b))
+                    });
+                    let Some((tet, c)) = place else { continue };
+                    found += 1;
+                    for (pose, cage) in motion.poses.iter().zip(simulated.frames()) {
+                        let t = tissue.displacements(&tissue.world(pose))[joint];
+                        let there: glam::DVec3 = tet.iter().zip(c).map(|(&v, b)| cage[v as usize] * b / tissue.scale).sum();
+                        worst = worst.max(100.0 * there.distance(t.transform_point3(p)) / d);
+                    }
+                }
+                if worst > 0.25 { println!("   bone {b} of {} driven {driven} found {found} length {:.2} cells: worst {worst:.2} %", asset.rig.skeleton.joints[joint].name, bone.ends[0].distance(bone.ends[1]) / tissue.cage.spacing); }
+            }
+        }
         if std::env::var("WHERE").is_ok() {
             let mut shown = std::collections::BTreeMap::new();
             for (n, x) in simulated.simulation.steps.iter().enumerate() {
@@ -69,8 +95,8 @@ fn main() {
         let worse = pairs.iter().filter(|p| p.1 > p.0).count();
         let r = &simulated.report;
         println!(
-            "{name:18} tets {:5} verts {:5} driven {:.2} built {built:.2} s, {} frames {spent:.2} s x{} newton {} inverted {} unconverged {} volume {:.3} pairs {skin} -> {soft} ({worse} frames worse) E {youngs:.0e}",
-            tissue.body.tets.len(), tissue.body.rest.len(), tissue.driven_share(), motion.poses.len(), r.substeps, r.newton, r.inverted, r.unconverged.len(), r.volume_change,
+            "{name:18} tets {:5} verts {:5} holds {:.0} built {built:.2} s, {} frames {spent:.2} s x{} newton {} inverted {} unconverged {} volume {:.3} pairs {skin} -> {soft} ({worse} frames worse) E {youngs:.0e}",
+            tissue.body.tets.len(), tissue.body.rest.len(), tissue.holds.len() as f64, motion.poses.len(), r.substeps, r.newton, r.inverted, r.unconverged.len(), r.volume_change,
         );
     }
 }

@@ -1,26 +1,31 @@
 //! Stage 2: soft tissue on a skeleton. The only place where rig and simulation meet.
 //!
-//! A cage of tets is built around the displayed rest pose ([`Tissue`]). Its vertices in the cores of bones are driven by the
-//! joints' displacements from rest, T_j(t) = G_j(t) G_j(rest)⁻¹; the others are free ([`drivers`]). A motion is simulated
+//! A cage of tets is built around the displayed rest pose ([`Tissue`]). Flesh in the cores of bones is held by the joints'
+//! displacements from rest, T_j(t) = G_j(t) G_j(rest)⁻¹; the rest is free ([`holds`]). A motion is simulated
 //! ([`Tissue::simulate`]), and the surface follows its tets ([`surface`]).
 //!
 //! Units: lengths are scaled so that the rest diagonal is `size_m` (1 m unless said otherwise).
 
 pub mod bones;
-pub mod drivers;
+pub mod holds;
 pub mod motion;
 pub mod surface;
 pub mod weights;
 
 use crate::FitError;
 use animimic_scene::{Asset, Rig, TetMesh};
-use animimic_sim::Body;
+use animimic_sim::{Body, Tether};
 use animimic_sim::tet::{Cage, DEFAULT_TETS, cage};
-use drivers::{Choice, FREE};
+use bones::Bone;
+use holds::{Choice, FREE, Hold};
 use glam::{DAffine3, DVec3};
 pub use motion::{Physics, Report, Simulated};
 use surface::Skinning;
 use weights::CageWeights;
+
+/// Stiffness of a hold over that of the flesh that it holds, a cell of it: enough to hold it, not so much as to crush it where bones
+/// come near each other.
+const HOLD: f64 = 10.0;
 
 /// How tissue is made of a model.
 #[derive(Clone, Debug)]
@@ -49,10 +54,14 @@ pub struct Tissue<'a> {
     pub scale: f64,
     /// Weights of joints at the cage's vertices.
     pub weights: CageWeights,
+    /// Points of the flesh that joints hold.
+    pub holds: Vec<Hold>,
     /// The joint that drives each cage vertex, as an index into the weights' joints, or [`FREE`].
     pub driver: Vec<u32>,
     /// The body in metres.
     pub body: Body,
+    /// Bones of the joints that carry something.
+    pub bones: Vec<Bone>,
     /// How the surface follows.
     pub skinning: Skinning,
     /// The joint whose displacement counts for each skeleton joint: itself, or the next one above that drives.
@@ -92,14 +101,19 @@ impl<'a> Tissue<'a> {
         let loose: Vec<bool> = weights.joints.iter().map(|j| settings.loose.contains(j)).collect();
         let choice =
             Choice { mesh: &cage.mesh, spacing: cage.spacing, weights: &weights, bones: &bones, loose: &loose };
-        let driver = drivers::drivers(&choice);
+        let (holds, driver) = holds::holds(&choice);
         let positions = cage.mesh.positions.iter().map(|x| *x * scale).collect();
         let mesh = TetMesh { positions, tets: cage.mesh.tets.clone() };
         let driven: Vec<u32> = (0..driver.len() as u32).filter(|&v| driver[v as usize] != FREE).collect();
-        let body = Body::new(&mesh, &driven)?;
-        let skinning = Skinning::new(rig, &cage, &weights, &driver, &loose);
+        let stiffness = HOLD * cage.spacing * scale;
+        let tether = |h: &Hold| Tether { tet: h.tet, barycentric: h.barycentric, stiffness };
+        let body = Body::new(&mesh, &driven)?.tethered(holds.iter().map(tether).collect())?;
+        let holding: Vec<bool> = (0..weights.joints.len() as u32)
+            .map(|c| loose[c as usize] || driver.contains(&c) || holds.iter().any(|h| h.joint == c))
+            .collect();
+        let skinning = Skinning::new(rig, &cage, &weights, &driver, &holding);
         let joint_from_rest = rest_world.iter().map(|g| g.inverse()).collect();
-        Ok(Self { asset, cage, scale, weights, driver, body, skinning, carrier, joint_from_rest })
+        Ok(Self { asset, cage, scale, weights, holds, driver, body, bones, skinning, carrier, joint_from_rest })
     }
 
     /// Displacement from rest of every skeleton joint, T = G G(rest)⁻¹; that of the joint above where a joint is loose or its rest
@@ -114,13 +128,16 @@ impl<'a> Tissue<'a> {
         own
     }
 
-    /// Positions of the driven vertices [m], in the order of `body.driven`.
+    /// Positions of the driven vertices and of the holds [m], in the order of `body.driven` and `body.tethers`.
     pub fn driven_positions(&self, displacements: &[DAffine3]) -> Vec<DVec3> {
         let at = |&v: &u32| {
             let joint = self.weights.joints[self.driver[v as usize] as usize];
             displacements[joint].transform_point3(self.cage.mesh.positions[v as usize]) * self.scale
         };
-        self.body.driven.iter().map(at).collect()
+        let held = self.holds.iter().map(|h| {
+            displacements[self.weights.joints[h.joint as usize]].transform_point3(h.point) * self.scale
+        });
+        self.body.driven.iter().map(at).chain(held).collect()
     }
 }
 

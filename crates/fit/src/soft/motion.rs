@@ -30,7 +30,7 @@ impl Default for Physics {
     }
 }
 
-/// Driven vertices nearer than this to their rest places are at rest [m].
+/// Driven and held points nearer than this to their rest places are at rest [m].
 const AT_REST: f64 = 1e-9;
 /// Steps from rest to a first pose elsewhere, at first and at most.
 const LEAD: [usize; 2] = [8, 64];
@@ -152,8 +152,9 @@ impl Tissue<'_> {
     pub fn start(&self, elasticity: &Elasticity, physics: &Physics, pose: &Pose) -> Result<State, FitError> {
         let rest = State::at_rest(&self.body.rest);
         let there = self.driven_at(pose);
-        let away = |(v, x): (&u32, &DVec3)| x.distance(self.body.rest[*v as usize]);
-        if self.body.driven.iter().zip(&there).map(away).fold(0.0, f64::max) < AT_REST {
+        let identity = vec![DAffine3::IDENTITY; self.joint_from_rest.len()];
+        let away = self.driven_positions(&identity).iter().zip(&there).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+        if away < AT_REST {
             return Ok(rest);
         }
         let from = Pose { locals: self.asset.rig.skeleton.rest_locals() };

@@ -1,13 +1,13 @@
 //! The surface that goes with the tets.
 //!
 //! x_v = Σ_k b_vk y_k + h_v (s_v − Σ_k b_vk ŷ_k): the embedding in the simulated cage y, and of what skinning s adds to the
-//! *skinned cage* ŷ (eyelids, fingers, creases below the size of a cell) the held share h_v. It is 1 in driven cores, where
-//! y = ŷ and so x = s, and where a joint is too small for the cage to drive; 0 where tissue is free: there creases and
+//! *skinned cage* ŷ (eyelids, fingers, creases below the size of a cell) the held share h_v. It is 1 in driven parts, where
+//! y = ŷ and so x = s, and where a joint is too small for the cage to hold; 0 where tissue is free: there creases and
 //! collapses of skinning are gone. At rest x is the rest surface exactly, since all three agree.
 
-use super::drivers::FREE;
+use super::holds::FREE;
 use super::weights::CageWeights;
-use super::{Tissue, drivers};
+use super::Tissue;
 use animimic_scene::Rig;
 use animimic_sim::tet::Cage;
 use glam::{DAffine3, DVec3};
@@ -22,12 +22,9 @@ pub struct Skinning {
 }
 
 impl Skinning {
-    pub(super) fn new(rig: &Rig, cage: &Cage, weights: &CageWeights, driver: &[u32], loose: &[bool]) -> Self {
+    pub(super) fn new(rig: &Rig, cage: &Cage, weights: &CageWeights, driver: &[u32], holding: &[bool]) -> Self {
         let tets = cage.embedding.tet.iter().map(|&t| cage.mesh.tets[t as usize]);
         let corners: Vec<([u32; 4], [f64; 4])> = tets.zip(cage.embedding.barycentric.iter().copied()).collect();
-        // Joints that carry something and drive nothing: the cage is too coarse for them.
-        let small: Vec<bool> =
-            (0..weights.joints.len()).map(|c| !loose[c] && !driver.contains(&(c as u32))).collect();
         let of = |v: usize| {
             let (tet, b) = &corners[v];
             let driven: f64 = tet.iter().zip(b).filter(|(k, _)| driver[**k as usize] != FREE).map(|(_, b)| b).sum();
@@ -35,7 +32,7 @@ impl Skinning {
                 .iter()
                 .filter(|i| {
                     let joint = rig.skin.slots[i.slot as usize].joint;
-                    weights.joints.binary_search(&joint).is_ok_and(|c| small[c])
+                    weights.joints.binary_search(&joint).is_ok_and(|c| !holding[c])
                 })
                 .map(|i| i.weight)
                 .sum();
@@ -109,9 +106,4 @@ impl Tissue<'_> {
         d_cage
     }
 
-    /// Share of the cage's vertices that are driven.
-    pub fn driven_share(&self) -> f64 {
-        let driven = self.driver.iter().filter(|d| **d != drivers::FREE).count();
-        driven as f64 / self.driver.len().max(1) as f64
-    }
 }
