@@ -14,6 +14,7 @@ pub mod example;
 pub mod measure;
 pub mod metrics;
 pub mod pictures;
+pub mod soften;
 pub mod tet;
 pub mod truth;
 pub mod turntable;

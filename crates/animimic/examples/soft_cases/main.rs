@@ -3,10 +3,8 @@
 
 mod recorded;
 
-use animimic::metrics::intersecting_pairs;
 use animimic::sim::{Elasticity, Model};
-use animimic_fit::soft::{Physics, Settings, Tissue};
-use rayon::prelude::*;
+use animimic_fit::soft::{Stepping, Settings, Tissue};
 use std::time::Instant;
 
 fn main() {
@@ -20,19 +18,14 @@ fn main() {
         let built = clock.elapsed().as_secs_f64();
         let elasticity = Elasticity::uniform(Model::GuardedCorotated, tissue.body.tets.len(), youngs, 0.4, 1000.0);
         let clock = Instant::now();
-        let simulated = tissue.simulate(&elasticity, &Physics::default(), &motion.poses, motion.fps).unwrap();
+        let simulated = tissue.simulate(&elasticity, &Stepping::default(), &motion.poses, motion.fps).unwrap();
         let spent = clock.elapsed().as_secs_f64();
-        let frames: Vec<_> = simulated.frames().collect();
-        let pairs: Vec<(usize, usize)> = motion
-            .poses
-            .par_iter()
-            .zip(frames)
-            .map(|(pose, cage)| {
-                let world = tissue.world(pose);
-                let (skin, soft) = (asset.rig.skinned(&world), tissue.surface(cage, &world));
-                (intersecting_pairs(&asset.mesh, &skin), intersecting_pairs(&asset.mesh, &soft))
-            })
-            .collect();
+        let posed = |pose| tissue.world(pose);
+        let skinned: Vec<_> = motion.poses.iter().map(|p| asset.rig.skinned(&posed(p))).collect();
+        let mut soft: Vec<_> = simulated.frames().zip(&motion.poses).map(|(c, p)| tissue.surface(c, &posed(p))).collect();
+        let clock = Instant::now();
+        let yielded = animimic::soften::yielding::give_way(&asset.mesh, &skinned, &mut soft);
+        let gave = clock.elapsed().as_secs_f64();
         if let Ok(out) = std::env::var("OUT") {
             sheet(&tissue, &motion.poses, &simulated, &folder.join(name), &format!("{out}/{name}_{youngs:.0e}.png"));
         }
@@ -91,11 +84,9 @@ fn main() {
             }
             println!("   unconverged {:?}", r_unconverged(&simulated));
         }
-        let (skin, soft) = pairs.iter().fold((0, 0), |s, p| (s.0 + p.0, s.1 + p.1));
-        let worse = pairs.iter().filter(|p| p.1 > p.0).count();
         let r = &simulated.report;
         println!(
-            "{name:18} tets {:5} verts {:5} holds {:.0} built {built:.2} s, {} frames {spent:.2} s x{} newton {} inverted {} unconverged {} volume {:.3} pairs {skin} -> {soft} ({worse} frames worse) E {youngs:.0e}",
+            "{name:18} tets {:5} verts {:5} holds {:.0} built {built:.2} s, {} frames {spent:.2} s x{} newton {} inverted {} unconverged {} volume {:.3} {yielded:?} {gave:.1} s E {youngs:.0e}",
             tissue.body.tets.len(), tissue.body.rest.len(), tissue.holds.len() as f64, motion.poses.len(), r.substeps, r.newton, r.inverted, r.unconverged.len(), r.volume_change,
         );
     }

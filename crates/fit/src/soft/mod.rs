@@ -19,7 +19,7 @@ use animimic_sim::tet::{Cage, DEFAULT_TETS, cage};
 use bones::Bone;
 use holds::{Choice, FREE, Hold};
 use glam::{DAffine3, DVec3};
-pub use motion::{Physics, Report, Simulated};
+pub use motion::{Stepping, Report, Simulated};
 use surface::Skinning;
 use weights::CageWeights;
 

@@ -13,7 +13,7 @@ use glam::{DAffine3, DVec3};
 
 /// How a motion is simulated.
 #[derive(Clone, Debug)]
-pub struct Physics {
+pub struct Stepping {
     /// Steps per frame; more are taken where these do not do.
     pub substeps: usize,
     /// Most steps per frame.
@@ -24,7 +24,7 @@ pub struct Physics {
     pub tolerance: f64,
 }
 
-impl Default for Physics {
+impl Default for Stepping {
     fn default() -> Self {
         Self { substeps: 1, most_substeps: 8, mass_damping: 0.0, tolerance: 1e-2 }
     }
@@ -80,19 +80,19 @@ impl Tissue<'_> {
     pub fn simulate(
         &self,
         elasticity: &Elasticity,
-        physics: &Physics,
+        stepping: &Stepping,
         poses: &[Pose],
         fps: f64,
     ) -> Result<Simulated, FitError> {
         if poses.is_empty() || !(fps > 0.0 && fps.is_finite()) {
             return Err(FitError::Input(format!("{} poses at {fps} frames a second cannot be simulated", poses.len())));
         }
-        let start = self.start(elasticity, physics, &poses[0])?;
-        let mut substeps = physics.substeps.max(1);
+        let start = self.start(elasticity, stepping, &poses[0])?;
+        let mut substeps = stepping.substeps.max(1);
         loop {
-            let simulated = self.simulate_from(start.clone(), elasticity, physics, poses, fps, substeps)?;
+            let simulated = self.simulate_from(start.clone(), elasticity, stepping, poses, fps, substeps)?;
             let fine = simulated.report.inverted == 0 && simulated.report.unconverged.is_empty();
-            if fine || 2 * substeps > physics.most_substeps {
+            if fine || 2 * substeps > stepping.most_substeps {
                 return Ok(simulated);
             }
             substeps *= 2;
@@ -107,15 +107,15 @@ impl Tissue<'_> {
         &self,
         start: State,
         elasticity: &Elasticity,
-        physics: &Physics,
+        stepping: &Stepping,
         poses: &[Pose],
         fps: f64,
         substeps: usize,
     ) -> Result<Simulated, FitError> {
         let settings = Settings {
             frame_time: 1.0 / (fps * substeps as f64),
-            tolerance: physics.tolerance,
-            mass_damping: physics.mass_damping,
+            tolerance: stepping.tolerance,
+            mass_damping: stepping.mass_damping,
             upright: true,
             ..Settings::default()
         };
@@ -149,7 +149,7 @@ impl Tissue<'_> {
     ///
     /// # Errors
     /// A material that does not fit the cage.
-    pub fn start(&self, elasticity: &Elasticity, physics: &Physics, pose: &Pose) -> Result<State, FitError> {
+    pub fn start(&self, elasticity: &Elasticity, stepping: &Stepping, pose: &Pose) -> Result<State, FitError> {
         let rest = State::at_rest(&self.body.rest);
         let there = self.driven_at(pose);
         let identity = vec![DAffine3::IDENTITY; self.joint_from_rest.len()];
@@ -159,7 +159,7 @@ impl Tissue<'_> {
         }
         let from = Pose { locals: self.asset.rig.skeleton.rest_locals() };
         let settings =
-            Settings { frame_time: LEAD_STEP, tolerance: physics.tolerance, upright: true, ..Settings::default() };
+            Settings { frame_time: LEAD_STEP, tolerance: stepping.tolerance, upright: true, ..Settings::default() };
         let mut steps = LEAD[0];
         loop {
             let mut state = rest.clone();
