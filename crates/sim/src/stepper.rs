@@ -106,7 +106,11 @@ impl<'a> Stepper<'a> {
     pub(crate) fn objective<'s>(&self, start: &'s State) -> Objective<'s> {
         let h = self.settings.step_time();
         let pairs = start.positions.iter().zip(&start.velocities);
-        Objective { target: pairs.map(|(x, v)| *x + h * *v + h * h * self.settings.gravity).collect(), start, ends: &[] }
+        Objective {
+            target: pairs.map(|(x, v)| *x + h * *v + h * h * self.settings.gravity).collect(),
+            start,
+            ends: &[],
+        }
     }
 
     /// Entries of a vertex field on the free vertices, in elimination order.

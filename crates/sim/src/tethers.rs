@@ -39,7 +39,11 @@ impl Body {
         self.tether_blocks.clear();
         for (index, t) in tethers.iter().enumerate() {
             let Some(tet) = self.tets.get(t.tet as usize) else {
-                return Err(SimError::Length { what: "tets of a tether", got: t.tet as usize, expected: self.tets.len() });
+                return Err(SimError::Length {
+                    what: "tets of a tether",
+                    got: t.tet as usize,
+                    expected: self.tets.len(),
+                });
             };
             if !t.barycentric.iter().chain([&t.stiffness]).all(|v| v.is_finite()) {
                 return Err(SimError::NotFinite { what: "tether", index });

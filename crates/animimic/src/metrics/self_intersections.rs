@@ -222,7 +222,7 @@ mod tests {
         }
         mesh.welded = (0..900).collect();
         mesh.welded_count = 900;
-        let face = |t: &[u32; 3]| Face { corner: t.map(|i| mesh.positions[i as usize]), welded: *t };
+        let face = |t: &[u32; 3]| Face { triangle: 0, corner: t.map(|i| mesh.positions[i as usize]), welded: *t };
         let mut all = 0;
         for (i, a) in mesh.triangles.iter().enumerate() {
             all += mesh.triangles[i + 1..].iter().filter(|b| cross(&face(a), &face(b))).count();

@@ -86,3 +86,35 @@ fn widen(mesh: &Mesh, places: &[DVec3], radius: f64, share: &mut [f64]) {
         *s = s.max(u * u * (3.0 - 2.0 * u));
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::metrics::{fixtures, intersecting_pairs};
+
+    /// Two octahedra side by side; in the soft clip the second has drifted into the first.
+    #[test]
+    fn where_the_soft_surface_cuts_itself_it_goes_back_to_skinning() {
+        let one = fixtures::octahedron();
+        let mut mesh = one.clone();
+        mesh.positions.extend(one.positions.iter().map(|p| *p + DVec3::X * 2.5));
+        mesh.triangles.extend(one.triangles.iter().map(|t| t.map(|i| i + 6)));
+        mesh.welded = (0..12).collect();
+        mesh.welded_count = 12;
+        let skinned = vec![mesh.positions.clone(); 3];
+        let drift = |t: usize| {
+            let offset = DVec3::new(-0.5 * t as f64, 0.1, 0.05);
+            let moved = mesh.positions.iter().enumerate();
+            moved.map(|(i, p)| if i < 6 { *p } else { *p + offset }).collect::<Vec<_>>()
+        };
+        let mut soft: Vec<_> = (0..3).map(drift).collect();
+        let untouched = soft[0].clone();
+        let mut apart = vec![untouched.clone(); 3];
+        assert_eq!(give_way(&mesh, &skinned, &mut apart).share, 0.0);
+        assert_eq!(apart[2], untouched, "what crosses nothing stays soft");
+        let yielded = give_way(&mesh, &skinned, &mut soft);
+        println!("{yielded:?}");
+        assert!(yielded.soft_pairs > 0 && yielded.pairs == 0 && yielded.share > 0.0);
+        assert!(soft.iter().all(|x| intersecting_pairs(&mesh, x) == 0));
+    }
+}

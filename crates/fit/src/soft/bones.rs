@@ -63,8 +63,12 @@ pub fn bones(rig: &Rig, rest: &[DVec3], mesh: &Mesh, weights: &CageWeights) -> V
         if ends.is_empty() {
             ends.push((tip(rest[joint], &flesh[column], &mesh.positions), false));
         }
-        let bone =
-            |(end, jointed)| Bone { joint: column, ends: [rest[joint], end], jointed: [above, jointed], thickness: [0.0; STATIONS] };
+        let bone = |(end, jointed)| Bone {
+            joint: column,
+            ends: [rest[joint], end],
+            jointed: [above, jointed],
+            thickness: [0.0; STATIONS],
+        };
         bones.extend(ends.into_iter().map(bone));
     }
     let own: Vec<Vec<[DVec3; 3]>> = flesh.iter().map(|f| triangles(mesh, f)).collect();

@@ -111,7 +111,8 @@ fn at_least_one_each(choice: &Choice, holds: &mut Vec<Hold>) {
             let near = choice.bones.iter().filter(|b| b.joint == joint).map(|b| b.beside(x).distance);
             choice.weights.rows[v][joint] - 0.25 * near.fold(f64::INFINITY, f64::min) / choice.spacing
         };
-        let own = (0..choice.mesh.positions.len()).filter(|&v| choice.weights.main(v) .0 == joint && choice.weights.rows[v][joint] >= OWN);
+        let own = (0..choice.mesh.positions.len())
+            .filter(|&v| choice.weights.main(v).0 == joint && choice.weights.rows[v][joint] >= OWN);
         let best = own.max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)));
         holds.extend(best.and_then(|v| at_vertex(choice.mesh, joint, v as u32)));
     }
@@ -214,14 +215,18 @@ fn components(choice: &Choice, holds: &mut Vec<Hold>) -> Vec<u32> {
         vertices.dedup();
         let mut sums = vec![0.0; choice.weights.joints.len()];
         vertices.iter().for_each(|&v| sums.iter_mut().zip(&choice.weights.rows[v]).for_each(|(s, w)| *s += w));
-        let Some(joint) = (0..sums.len()).max_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(b.cmp(&a))) else { continue };
+        let Some(joint) = (0..sums.len()).max_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(b.cmp(&a))) else {
+            continue;
+        };
         let pure = vertices.iter().all(|&v| choice.weights.rows[v][joint] >= ALL_OF_IT);
         let held = |h: &Hold| tets.binary_search(&(h.tet as usize)).is_ok();
         if pure && volume(tets) < SMALL * total && !choice.loose[joint] {
             vertices.iter().for_each(|&v| driver[v] = joint as u32);
             holds.retain(|h| !held(h));
         } else if !holds.iter().any(held) {
-            let weakest = |t: usize| choice.mesh.tets[t].iter().map(|&v| choice.weights.rows[v as usize][joint]).fold(1.0, f64::min);
+            let weakest = |t: usize| {
+                choice.mesh.tets[t].iter().map(|&v| choice.weights.rows[v as usize][joint]).fold(1.0, f64::min)
+            };
             let best = tets.iter().copied().max_by(|&a, &b| weakest(a).total_cmp(&weakest(b)).then(b.cmp(&a)));
             let corners = best.into_iter().flat_map(|t| (0..4).map(move |k| (t, k)));
             holds.extend(corners.map(|(t, k)| Hold {

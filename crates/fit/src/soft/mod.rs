@@ -14,12 +14,12 @@ pub mod weights;
 
 use crate::FitError;
 use animimic_scene::{Asset, Rig, TetMesh};
-use animimic_sim::{Body, Tether};
 use animimic_sim::tet::{Cage, DEFAULT_TETS, cage};
+use animimic_sim::{Body, Tether};
 use bones::Bone;
-use holds::{Choice, FREE, Hold};
 use glam::{DAffine3, DVec3};
-pub use motion::{Stepping, Report, Simulated};
+use holds::{Choice, FREE, Hold};
+pub use motion::{Report, Simulated, Stepping};
 use surface::Skinning;
 use weights::CageWeights;
 
@@ -134,9 +134,10 @@ impl<'a> Tissue<'a> {
             let joint = self.weights.joints[self.driver[v as usize] as usize];
             displacements[joint].transform_point3(self.cage.mesh.positions[v as usize]) * self.scale
         };
-        let held = self.holds.iter().map(|h| {
-            displacements[self.weights.joints[h.joint as usize]].transform_point3(h.point) * self.scale
-        });
+        let held = self
+            .holds
+            .iter()
+            .map(|h| displacements[self.weights.joints[h.joint as usize]].transform_point3(h.point) * self.scale);
         self.body.driven.iter().map(at).chain(held).collect()
     }
 }

@@ -5,9 +5,9 @@
 //! y = ŷ and so x = s, and where a joint is too small for the cage to hold; 0 where tissue is free: there creases and
 //! collapses of skinning are gone. At rest x is the rest surface exactly, since all three agree.
 
+use super::Tissue;
 use super::holds::FREE;
 use super::weights::CageWeights;
-use super::Tissue;
 use animimic_scene::Rig;
 use animimic_sim::tet::Cage;
 use glam::{DAffine3, DVec3};
@@ -56,7 +56,8 @@ impl Tissue<'_> {
         let offset = self.held_offset(&displacements);
         let embedded = |(tet, b): &([u32; 4], [f64; 4])| -> DVec3 {
             // As displacements: no rounding of large coordinates at rest.
-            tet.iter().zip(b).map(|(&k, b)| (cage[k as usize] - self.body.rest[k as usize]) * *b).sum::<DVec3>() / self.scale
+            tet.iter().zip(b).map(|(&k, b)| (cage[k as usize] - self.body.rest[k as usize]) * *b).sum::<DVec3>()
+                / self.scale
         };
         let rest = &self.asset.mesh.positions;
         self.skinning.corners.iter().zip(rest).zip(offset).map(|((c, x), o)| *x + embedded(c) + o).collect()
@@ -105,5 +106,4 @@ impl Tissue<'_> {
         }
         d_cage
     }
-
 }

@@ -76,9 +76,8 @@ fn continue_inside(rows: &mut [Vec<f64>], known: &[bool], neighbours: &[Vec<u32>
     let mut filled = known.to_vec();
     let mut order = Vec::new();
     loop {
-        let front: Vec<usize> = (0..rows.len())
-            .filter(|&v| !filled[v] && neighbours[v].iter().any(|&n| filled[n as usize]))
-            .collect();
+        let front: Vec<usize> =
+            (0..rows.len()).filter(|&v| !filled[v] && neighbours[v].iter().any(|&n| filled[n as usize])).collect();
         if front.is_empty() {
             break;
         }

@@ -64,7 +64,9 @@ impl Model {
             Model::FixedCorotated => "μ‖F−R‖² + λ/2 (det F − 1)²: stiff against inversion, the default",
             Model::StableNeoHookean => "rubber-like, smooth everywhere, no rotation to find (Smith et al. 2018)",
             Model::Linear => "small strain only; exact and quadratic, wrong under rotation",
-            Model::GuardedCorotated => "fixed-corotated that stiffens below 40 % of its volume: for flesh between bones",
+            Model::GuardedCorotated => {
+                "fixed-corotated that stiffens below 40 % of its volume: for flesh between bones"
+            }
             Model::CorotatedLinear => "linear elasticity in the rotated frame; as-rigid-as-possible at ν = 0",
         }
     }
