@@ -36,6 +36,8 @@ commands! {
     evaluate::Evaluate,
     /// Draw an animated model from several views as a video or picture
     render::Render,
+    /// Draw the picture that an image-to-video model starts from, with its camera
+    still::Still,
     /// Fill a model with tetrahedra: VTU, MSH or npz
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving
