@@ -14,12 +14,14 @@ pub mod example;
 pub mod measure;
 pub mod metrics;
 pub mod pictures;
+pub mod rigging;
 pub mod tet;
 pub mod truth;
 pub mod turntable;
 
 pub use animate::{Job, Report, animate, fit};
 pub use animimic_fit::Preset;
+pub use animimic_rig::riggers::RIGGERS;
 pub use animimic_scene as scene;
 pub use animimic_sim as sim;
 pub use animimic_video::cues::providers::PROVIDERS as CUE_PROVIDERS;
