@@ -24,7 +24,7 @@ pub use crate::camera::{Camera, CameraFile};
 pub use crate::cues::{Cues, DepthKind, DepthMap, Tracks};
 pub use crate::image::{Image, Mask};
 pub use crate::mesh::{AlphaMode, Look, Mesh, Part, Texture};
-pub use crate::motion::{Motion, Pose, Trajectory};
+pub use crate::motion::{Motion, Pose, Refined, Trajectory};
 pub use crate::rig::{Influence, Joint, Rig, Skeleton, Skin, Slot, Transform};
 pub use crate::tet_mesh::{Embedding, TetMesh};
 pub use crate::video::Video;

@@ -29,3 +29,12 @@ pub struct Trajectory {
     /// Positions [model unit], \[frame\]\[vertex\], world space.
     pub frames: Vec<Vec<DVec3>>,
 }
+
+/// A clip whose vertices go beyond what its poses do: the pose carries the skeleton, the trajectory is where the surface really is.
+#[derive(Clone, Debug)]
+pub struct Refined {
+    /// The skeleton's motion.
+    pub motion: Motion,
+    /// The surface in the frames of the motion, in the vertex order of the asset's mesh.
+    pub trajectory: Trajectory,
+}
