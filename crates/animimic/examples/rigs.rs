@@ -28,7 +28,7 @@ fn main() {
             _ => models.push(word.into()),
         }
     }
-    let options = RigOptions { detail, file: None };
+    let options = RigOptions { detail, ..RigOptions::default() };
     let mut rows = Vec::new();
     let mut all: Vec<[f64; 3]> = Vec::new();
     println!(
