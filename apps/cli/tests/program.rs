@@ -37,7 +37,7 @@ fn wrong_usage_ends_with_2_and_help_with_0() {
     assert_eq!(animimic(&["list", "clouds"]).status.code(), Some(2));
     let help = animimic(&["--help"]);
     assert_eq!(help.status.code(), Some(0));
-    for command in ["animate", "fit", "cues", "evaluate", "render", "example", "list"] {
+    for command in ["animate", "fit", "cues", "evaluate", "render", "still", "example", "list"] {
         assert!(text(&help.stdout).contains(command), "{command}");
     }
 }
@@ -344,4 +344,48 @@ fn a_result_measured_against_the_examples_truth_is_better_than_the_still_model()
     assert!(number("vertex_rms_pct") < 0.5 * number("static_rms_pct"));
     assert!(number("mpjpe_pct") < 3.0 && number("iou_main") > 0.9);
     assert!(number("rest_fidelity") < 1e-5);
+}
+
+#[test]
+fn a_still_carries_its_camera_inside_and_beside_and_shows_the_model_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let still = folder.path().join("first.png").display().to_string();
+    let out = animimic(&["still", &example("creature.glb"), "-o", &still, "--size", "320x240", "--json"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let said: Value = serde_json::from_slice(&out.stdout).unwrap();
+    println!("{said:#}");
+    assert!(said["surface_seen"].as_f64().unwrap() > 0.3);
+    assert!(said["advice"].as_array().unwrap().iter().any(|l| l.as_str().unwrap().contains("static camera")));
+    // The camera beside it and the camera inside it draw the same picture again, over the same background.
+    let beside = said["camera"].as_str().unwrap();
+    let again = |name: &str, camera: &str| {
+        let file = folder.path().join(name).display().to_string();
+        let colour: String =
+            said["background_rgb"].as_array().unwrap().iter().map(|c| format!("{:02x}", c.as_u64().unwrap())).collect();
+        let size = ["--size", "320x240", "--background", &colour];
+        let drawn =
+            animimic(&[&["still", &example("creature.glb"), "-o", &file, "--camera", camera][..], &size].concat());
+        assert!(drawn.status.success(), "{}", text(&drawn.stderr));
+        std::fs::read(file).unwrap()
+    };
+    let first = std::fs::read(&still).unwrap();
+    assert!(again("beside.png", beside) == first && again("inside.png", &still) == first);
+    // A picture from elsewhere has none.
+    let frame = folder.path().join("frame.png");
+    example_frame(&frame);
+    let (model, video) = (example("creature.glb"), example("creature.mp4"));
+    fails_with(
+        &[
+            "animate",
+            &model,
+            &video,
+            "--camera",
+            &frame.display().to_string(),
+            "-o",
+            &folder.path().join("o").display().to_string(),
+            "-q",
+        ],
+        "no camera inside",
+    );
+    fails_with(&["still", &model, "-o", "first.jpg"], ".png");
 }

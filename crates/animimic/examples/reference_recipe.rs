@@ -8,9 +8,8 @@
 //!   metric of the banded Hessian;
 //! - `default`: what `animate` does (tracking with several hypotheses, which does not read the tracks), refinement, polish.
 
-use animimic::camera;
-use animimic::cues::{Given, find};
-use animimic::pictures::background_picture;
+mod support;
+
 use animimic_fit::quasi_newton::{Evaluation, Objective, minimise};
 use animimic_fit::reference::{self, Loss, Parts, Schedule};
 use animimic_fit::stage1::solve::{Smoothing, Stage, Strength};
@@ -18,14 +17,12 @@ use animimic_fit::stage1::subject::Subject;
 use animimic_fit::stage1::{self, Input, Settings};
 use animimic_math::block_tridiagonal::Factor;
 use animimic_rig::FramePose;
-use animimic_scene::{Image, io};
 use animimic_video::cues::{TrackOptions, tracks};
-use animimic_video::flow::{FlowOptions, Gray, dis};
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
+use support::Case;
 
-const HEIGHT_PX: usize = 512;
 /// Steps of L-BFGS on L.
 const STEPS: usize = 40;
 /// Factors on the smoothness of the two rounds before: L weighs it more than tracking does.
@@ -45,35 +42,22 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
-    let asset = io::read(case.join("static.glb"))?;
-    let options =
-        animimic_video::ReadOptions { working_height: Some(HEIGHT_PX), frames: Some(0..frames), ..Default::default() };
-    let video = animimic_video::read(&case.join("video.mp4"), &options)?;
-    let found = find(&video, &Given::default())?;
-    let (w, h) = (video.frames[0].width as u32, video.frames[0].height as u32);
-    let camera = camera::from_file(&case.join("camera.json"), w, h)?.main;
-    let backgrounds: Vec<Image> =
-        video.frames.iter().enumerate().map(|(t, frame)| background_picture(&found.background, frame, t)).collect();
-    let tracks = tracks(&video, &found.cues.masks, &TrackOptions::default());
-    let flow = |a: &Image, b: &Image| dis(&Gray::from_image(a), &Gray::from_image(b), &FlowOptions::default()).vectors;
-    let input = Input {
-        asset: &asset,
-        camera: &camera,
-        frames: &video.frames,
-        masks: &found.cues.masks,
-        backgrounds: &backgrounds,
-        flow: &flow,
-        tracks: Some(&tracks),
-        depth: &[],
-        depth_kind: Default::default(),
-    };
-    let subject = Subject::new(&asset)?;
+    let case = Case::read(case, frames)?;
+    let tracks = tracks(&case.video, &case.masks, &TrackOptions::default());
+    let input = Input { tracks: Some(&tracks), ..case.input() };
+    let subject = Subject::new(&case.asset)?;
     let light = stage1::first_light(&input, &subject)?;
     let tree = reference::free(&subject.tree.kinematics);
     let loss = Loss::new(&input, &subject, &tree, &light);
-    let n = video.frames.len();
+    let n = case.video.frames.len();
     let rest = vec![subject.tree.kinematics.rest(); n];
-    println!("{} ({n} frames, {w}x{h}): at rest {}", case.display(), show(&loss.score(&rest)));
+    println!(
+        "{} ({n} frames, {}x{}): at rest {}",
+        case.name,
+        case.camera.width,
+        case.camera.height,
+        show(&loss.score(&rest))
+    );
 
     let start = cpu_seconds();
     let run = reference::run(&loss, n, &Schedule::default(), &mut |_, _| ControlFlow::Continue(()))?;

@@ -15,7 +15,7 @@ pub enum CameraChoice {
     /// Searched so that the rest model fits frame 0.
     #[default]
     Auto,
-    /// Read from a `camera.json`.
+    /// Read from a `camera.json`, or from inside a still.
     File(PathBuf),
     /// A named camera, see [`PRESETS`].
     Preset(String),
@@ -102,14 +102,15 @@ pub fn preset(name: &str, (low, high): (DVec3, DVec3), width: u32, height: u32) 
     Ok(Camera::orbit(0.5 * (low + high), p.distance * unit, azimuth, elevation, p.fov_y_rad, width, height))
 }
 
-/// Reads a camera file and fits it to pictures of `width` × `height`.
+/// Reads a camera file, or the camera inside a still, and fits it to pictures of `width` × `height`.
 ///
 /// # Errors
 /// [`Error::Scene`] for a broken file, [`Error::Input`] when the pictures have another shape.
 pub fn from_file(path: &std::path::Path, width: u32, height: u32) -> Result<CameraFile, Error> {
     /// Shapes that differ by less are rounding of the working size.
     const SAME_SHAPE: f64 = 0.01;
-    let mut file = io::camera_json::read(path)?;
+    let is_still = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    let mut file = if is_still { crate::still::camera_inside(path)? } else { io::camera_json::read(path)? };
     let (own, wanted) =
         (f64::from(file.main.width) / f64::from(file.main.height), f64::from(width) / f64::from(height));
     if (own / wanted - 1.0).abs() > SAME_SHAPE {

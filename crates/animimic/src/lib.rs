@@ -15,6 +15,7 @@ pub mod measure;
 pub mod metrics;
 pub mod pictures;
 pub mod rigging;
+pub mod still;
 pub mod tet;
 pub mod truth;
 pub mod turntable;

@@ -194,6 +194,15 @@ impl Model {
         system.factored().ok()
     }
 
+    /// Diagonal blocks of H⁻¹, one `dimension`² block per frame: how far each frame's parameters are from being determined,
+    /// all others left free. `None` where H is not positive definite.
+    pub fn spread(&self) -> Option<Vec<Mat<f64>>> {
+        let d = self.dimension;
+        let pairs = self.factor(LEAST_DAMPING)?.inverse_diagonal();
+        let frame = |t: usize| pairs[t / 2].as_ref().submatrix((t % 2) * d, (t % 2) * d, d, d).to_owned();
+        Some((0..self.diagonal.len()).map(frame).collect())
+    }
+
     /// Blocks (t, t), (t + 1, t) and (t + 2, t) of H.
     pub(crate) fn bands(&mut self) -> [&mut [Mat<f64>]; 3] {
         [&mut self.diagonal, &mut self.next, &mut self.after_next]

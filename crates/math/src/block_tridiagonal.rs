@@ -111,6 +111,27 @@ impl Factor {
         }
         x.iter().flat_map(|y| (0..y.nrows()).map(|r| y[(r, 0)])).collect()
     }
+
+    /// Diagonal blocks of A⁻¹, without the rest of it:
+    /// Zᵢᵢ = Lᵢ⁻ᵀ (I + Sᵢ₊₁ᵀ Zᵢ₊₁,ᵢ₊₁ Sᵢ₊₁) Lᵢ⁻¹, from the last block up (Takahashi, Fagan & Chin 1973).
+    pub fn inverse_diagonal(&self) -> Vec<Mat<f64>> {
+        let mut inverse: Vec<Mat<f64>> = Vec::with_capacity(self.0.diagonal.len());
+        for (i, l) in self.0.diagonal.iter().enumerate().rev() {
+            let mut block = Mat::identity(l.nrows(), l.nrows());
+            if let Some(later) = inverse.last() {
+                let s = &self.0.below[i];
+                block += s.transpose() * (later * s);
+            }
+            // Twice, for the middle is symmetric: L⁻ᵀ M, and L⁻ᵀ of that transposed.
+            for _ in 0..2 {
+                solve::solve_upper_triangular_in_place(l.transpose(), block.as_mut(), Par::Seq);
+                block = block.transpose().to_owned();
+            }
+            inverse.push(block);
+        }
+        inverse.reverse();
+        inverse
+    }
 }
 
 #[cfg(test)]
@@ -118,15 +139,16 @@ mod tests {
     use super::*;
     use crate::gradcheck::SplitMix64;
 
-    #[test]
-    fn solves_what_a_dense_product_made() {
-        let sizes = [5, 5, 3];
-        let n: usize = sizes.iter().sum();
+    const SIZES: [usize; 3] = [5, 5, 3];
+
+    /// A random positive definite matrix, and the same dense.
+    fn example() -> (BlockTridiagonal, Mat<f64>) {
+        let n: usize = SIZES.iter().sum();
         let mut rng = SplitMix64(7);
-        let mut a = BlockTridiagonal::zeros(&sizes);
+        let mut a = BlockTridiagonal::zeros(&SIZES);
         let mut dense = Mat::<f64>::zeros(n, n);
         let starts = [0, 5, 10];
-        for (i, &size) in sizes.iter().enumerate() {
+        for (i, &size) in SIZES.iter().enumerate() {
             let m = Mat::from_fn(size, size, |_, _| rng.normal());
             a.diagonal[i] = &m * m.transpose() + Mat::<f64>::identity(size, size) * faer::Scale(4.0);
             for r in 0..size {
@@ -144,6 +166,14 @@ mod tests {
                 }
             }
         }
+        (a, dense)
+    }
+
+    #[test]
+    fn solves_what_a_dense_product_made() {
+        let (a, dense) = example();
+        let n = dense.nrows();
+        let mut rng = SplitMix64(8);
         let truth = Mat::from_fn(n, 1, |_, _| rng.normal());
         let b = &dense * &truth;
         let b: Vec<f64> = (0..n).map(|i| b[(i, 0)]).collect();
@@ -151,6 +181,28 @@ mod tests {
         let worst = (0..n).map(|i| (x[i] - truth[(i, 0)]).abs()).fold(0.0, f64::max);
         println!("largest error {worst:.1e}");
         assert!(worst < 1e-12);
+    }
+
+    #[test]
+    fn the_inverse_has_the_diagonal_blocks_of_the_dense_one() {
+        let (a, dense) = example();
+        let factor = a.factored().expect("positive definite");
+        let mut start = 0;
+        let mut worst: f64 = 0.0;
+        for block in factor.inverse_diagonal() {
+            for c in 0..block.ncols() {
+                let unit: Vec<f64> = (0..dense.nrows()).map(|i| f64::from(i == start + c)).collect();
+                let column = factor.solve(&unit);
+                worst = (0..block.nrows()).map(|r| (block[(r, c)] - column[start + r]).abs()).fold(worst, f64::max);
+                // And the column is one of the inverse of the dense matrix.
+                let x = Mat::from_fn(column.len(), 1, |r, _| column[r]);
+                let back = &dense * &x;
+                worst = (0..unit.len()).map(|r| (back[(r, 0)] - unit[r]).abs()).fold(worst, f64::max);
+            }
+            start += block.nrows();
+        }
+        println!("largest error {worst:.1e}");
+        assert!(worst < 1e-12 && start == dense.nrows());
     }
 
     #[test]

@@ -38,6 +38,8 @@ commands! {
     render::Render,
     /// Give a model a skeleton and skin weights: GLB or rig.txt
     rig::Rig,
+    /// Draw the picture that an image-to-video model starts from, with its camera
+    still::Still,
     /// Fill a model with tetrahedra: VTU, MSH or npz
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving

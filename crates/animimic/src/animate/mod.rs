@@ -1,8 +1,9 @@
 //! The whole way: model and videos in; animated GLB, videos to look at and a report out.
 //!
-//! read → rig, if there is none → cues → camera → motion → export → pictures → metrics. Everything is computed before the first file is written,
-//! and every file appears whole or not at all.
+//! read → rig, if there is none → cues → camera → motion → export → pictures → metrics. Everything is computed before the
+//! first file is written, and every file appears whole or not at all.
 
+mod certainty;
 mod chart;
 mod deliver;
 mod fit;
@@ -13,6 +14,7 @@ mod report;
 mod residual;
 mod sheet;
 
+pub use certainty::PartCertainty;
 pub use fit::fit;
 pub use options::Job;
 pub use report::{ClipReport, LossCurve, Report};
@@ -21,6 +23,7 @@ use crate::camera::{self, CameraChoice};
 use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
 use crate::{Against, Error, evaluate, rigging};
+use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
 use animimic_video::cues;
@@ -38,6 +41,7 @@ pub(crate) struct Take {
     pub motion: Motion,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
+    pub certainty: Vec<Certainty>,
 }
 
 /// The model, and what of it is drawn, solved and measured: itself, or a coarse stand-in for a dense mesh.
@@ -179,6 +183,7 @@ fn take(
         motion: solved.motion,
         losses: solved.losses,
         uncertain: solved.uncertain,
+        certainty: solved.certainty,
     })
 }
 
@@ -211,5 +216,5 @@ fn clip_report(asset: &Asset, take: &Take) -> Result<ClipReport, Error> {
         ..Against::default()
     };
     let evaluation = evaluate(asset, &take.motion.poses, take.motion.fps, &against)?;
-    Ok(ClipReport::new(take, &evaluation))
+    Ok(ClipReport::new(take, &asset.rig.skeleton, &evaluation))
 }

@@ -6,7 +6,7 @@ use crate::cues::dense_flow;
 use crate::event::{Event, Progress};
 use crate::pictures::background_picture;
 use animimic_fit::stage1::subject::Subject;
-use animimic_fit::stage1::{self, Input, Settings};
+use animimic_fit::stage1::{self, Certainty, Input, Settings};
 use animimic_fit::{FitError, Preset, reference};
 use animimic_scene::{Asset, Camera, Cues, Image, Motion, Tracks, Video};
 use animimic_video::cues::{self, Background};
@@ -19,6 +19,8 @@ pub struct Solved {
     pub motion: Motion,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
+    /// How well each part is known; empty where that was not estimated.
+    pub certainty: Vec<Certainty>,
     /// Wall time of each part of the fit [s], in order; parts may come back.
     pub seconds: Vec<(&'static str, f64)>,
 }
@@ -113,7 +115,7 @@ fn by_default(input: &Input, fps: f64, name: &str, progress: &mut Progress) -> R
     let mut losses = vec![LossCurve::new("joint solve of all frames", outcome.energies)];
     losses.extend(outcome.curves.into_iter().map(|c| LossCurve::new(&format!("polish: {}", c.name), c.values)));
     losses.push(LossCurve::new("unlikeness per frame", outcome.mismatch));
-    Ok(Solved { motion: outcome.motion, losses, uncertain, seconds: watch.stop() })
+    Ok(Solved { motion: outcome.motion, losses, uncertain, certainty: outcome.certainty, seconds: watch.stop() })
 }
 
 fn by_reference(input: &Input, fps: f64, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
@@ -131,6 +133,7 @@ fn by_reference(input: &Input, fps: f64, name: &str, progress: &mut Progress) ->
         motion: Motion { name: name.into(), fps, poses },
         losses,
         uncertain: Vec::new(),
+        certainty: Vec::new(),
         seconds: watch.stop(),
     })
 }

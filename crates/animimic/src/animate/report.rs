@@ -1,8 +1,8 @@
 //! What a run says about itself: `report.json`.
 
-use super::{Job, Take};
+use super::{Job, PartCertainty, Take, certainty};
 use crate::Evaluation;
-use animimic_scene::{Asset, Mask};
+use animimic_scene::{Asset, Mask, Skeleton};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -48,6 +48,8 @@ pub struct ClipReport {
     pub metrics: Value,
     /// What the video left open, one sentence each.
     pub uncertain: Vec<String>,
+    /// How well each part that moves surface is known; empty where that was not estimated.
+    pub certainty: Vec<PartCertainty>,
 }
 
 /// The loss during one stage of the solver.
@@ -97,9 +99,11 @@ impl Report {
 }
 
 impl ClipReport {
-    pub(super) fn new(take: &Take, evaluation: &Evaluation) -> Self {
+    pub(super) fn new(take: &Take, skeleton: &Skeleton, evaluation: &Evaluation) -> Self {
         let frame = &take.video.frames[0];
+        let certainty = certainty::named(skeleton, &take.certainty);
         let mut uncertain = take.uncertain.clone();
+        uncertain.extend(certainty::doubt(&certainty, take.motion.fps));
         uncertain.extend(doubts(take, evaluation));
         Self {
             name: take.name.clone(),
@@ -111,6 +115,7 @@ impl ClipReport {
             losses: take.losses.clone(),
             metrics: evaluation.to_json(),
             uncertain,
+            certainty,
         }
     }
 }

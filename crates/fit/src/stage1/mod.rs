@@ -8,10 +8,12 @@
 //! 4. Limbs that may lean the other way are mirrored where the frames then look better ([`flips`]).
 //! 5. All frames together at full strength, each point as smooth as itself ([`solve::Stage::finish`], [`liveliness`]).
 //! 6. The polish ([`polish`]): all terms with rendered colour and silhouette.
+//! 7. How well each part is known ([`certainty`]).
 //!
 //! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
 pub mod balls;
+pub mod certainty;
 pub mod contour;
 pub mod correspond;
 pub mod flips;
@@ -29,6 +31,7 @@ use crate::FitError;
 use animimic_render::{Light, rasterize_surface, solve_light};
 use animimic_rig::FramePose;
 use animimic_scene::{Asset, Camera, DepthKind, DepthMap, Image, Mask, Motion, Tracks};
+pub use certainty::Certainty;
 use contour::Contour;
 use correspond::{Flow, Frame, contour_bias};
 use given::Given;
@@ -77,6 +80,8 @@ pub struct Outcome {
     pub curves: Vec<Curve>,
     /// How unlike the video each frame looks, in [0, 1].
     pub mismatch: Vec<f64>,
+    /// How well each part is known.
+    pub certainty: Vec<Certainty>,
 }
 
 /// What the fit is doing.
@@ -141,16 +146,18 @@ pub fn fit(
     go_on(Phase::Polish, POLISH_AT)?;
     let curves = stage.polish(&mut frames);
     let mismatch = stage.mismatches(&frames);
+    let certainty = stage.certainty(&frames, &mismatch);
     let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
     let motion = Motion { name: name.into(), fps, poses };
-    Ok(Outcome { motion, frames, energies, curves, mismatch })
+    Ok(Outcome { motion, frames, energies, curves, mismatch, certainty })
 }
 
-/// How many times less like the video a motion that follows the rig's hinges may look and still be preferred.
-const PLAUSIBLE: f64 = 1.1;
+/// A motion that follows the rig's hinges may look this many times as unlike the video, beyond what frame 0 does, and still be
+/// preferred.
+const PLAUSIBLE: f64 = 1.2;
 
-/// A motion whose frames look this many times as unlike as frame 0, on average, needs no other hypothesis.
-const GOOD: f64 = 1.1;
+/// A motion whose frames look no more unlike than frame 0 and this share of that, on average, needs no other hypothesis.
+const GOOD: f64 = 0.1;
 
 /// Tracks and refines with and, where the frames ask for it, without what the rig suggests; returns what they speak for.
 fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePose>, FitError> {
@@ -170,7 +177,7 @@ fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePo
             return Err(FitError::Stopped);
         }
         stage.refine(&mut frames, weight);
-        let unlike = stage.mismatches(&frames).iter().sum::<f64>() / count as f64;
+        let unlike = stage.mismatches(&frames).iter().sum::<f64>() / count as f64 - stage.usual_mismatch;
         costs = Some(tracked.costs);
         // What the rig suggests is given up only where the frames clearly speak against it.
         if best.as_ref().is_none_or(|b| unlike * PLAUSIBLE < b.0) {
