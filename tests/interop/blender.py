@@ -174,8 +174,9 @@ for glb in sorted(folder.glob("*.glb")):
     verdict = f"excused: Blender's reading of the input at rest is off by {theirs:.2e}" if excused else "failed"
     print(f"blender {glb.stem}: {worst:.2e} of the diagonal, {verdict}", flush=True)
 for glb in sorted(folder.glob("*_rig.glb")):
-    worst = survives(glb, scratch)
-    bad += worst > AGAIN_TOLERANCE
-    print(f"blender {glb.stem}: imported, exported and imported again, {worst:.2e} of the diagonal", flush=True)
+    worst, base = (survives(f, scratch) for f in (glb, glb.with_name(glb.name.replace("_rig.glb", "_none.glb"))))
+    # Some rigs Blender changes by itself, with or without helper bones.
+    bad += worst > max(AGAIN_TOLERANCE, 1.1 * base)
+    print(f"blender {glb.stem}: imported, exported and imported again, {worst:.2e} of the diagonal; the base clip {base:.2e}", flush=True)
 print(f"blender: {good} files within {TOLERANCE}, worst of these {overall:.2e}; {bad} failed")
 sys.exit(bad > 0)

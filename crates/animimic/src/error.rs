@@ -14,6 +14,9 @@ pub enum Error {
     /// A mesh that cannot be drawn.
     #[error(transparent)]
     Render(#[from] animimic_render::RenderError),
+    /// A model that cannot be rigged.
+    #[error(transparent)]
+    Rig(#[from] animimic_rig::riggers::RigError),
     /// Inputs that the fit refuses.
     #[error(transparent)]
     Fit(animimic_fit::FitError),

@@ -15,6 +15,8 @@ pub mod measure;
 pub mod metrics;
 pub mod physics;
 pub mod pictures;
+pub mod rigging;
+pub mod soften;
 pub mod still;
 pub mod tet;
 pub mod truth;
@@ -22,6 +24,7 @@ pub mod turntable;
 
 pub use animate::{Job, Report, animate, fit};
 pub use animimic_fit::Preset;
+pub use animimic_rig::riggers::RIGGERS;
 pub use animimic_scene as scene;
 pub use animimic_sim as sim;
 pub use animimic_video::cues::providers::PROVIDERS as CUE_PROVIDERS;

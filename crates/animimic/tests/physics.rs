@@ -48,7 +48,7 @@ fn worm(posed: bool) -> Asset {
     mesh.welded = (0..n as u32).collect();
     mesh.welded_count = n;
     let triangles = 0..mesh.triangles.len();
-    mesh.parts = vec![Part { name: "worm".into(), vertices: 0..n, triangles, look: 0 }];
+    mesh.parts = vec![Part { name: "worm".into(), vertices: 0..n, triangles, look: 0, skin: None }];
     asset.rig.skin.bind_positions = asset.mesh.positions.clone();
     let bytes = write_clips(&asset, &[], &ExportOptions::default()).unwrap();
     let mut read = self::read(bytes);

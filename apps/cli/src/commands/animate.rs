@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Animate {
-    /// The still model: GLB, glTF, an OBJ with rig.txt beside it, or a folder with objs/mesh.obj and objs/rig.txt
+    /// The still model, rigged or not: GLB, glTF, OBJ (with rig.txt beside it), OFF, STL, PLY, or a folder with objs/mesh.obj
     model: PathBuf,
     /// Videos of it moving, one clip each: MP4, GIF, WebP or a folder of frames
     #[arg(required = true)]

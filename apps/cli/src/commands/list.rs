@@ -18,6 +18,8 @@ enum Kind {
     Cues,
     /// Ways to find the motion
     Presets,
+    /// Ways to give a model a skeleton
+    Riggers,
     /// Constitutive models of soft tissue
     Models,
     /// Ways to deliver motion that goes beyond the skeleton
@@ -46,6 +48,9 @@ impl List {
             }
             Kind::Physics => {
                 animimic::physics::ENCODINGS.iter().map(|e| (e.name().to_owned(), e.summary().to_owned())).collect()
+            }
+            Kind::Riggers => {
+                animimic::RIGGERS.iter().map(|r| (r.name().to_owned(), r.summary().to_owned())).collect()
             }
             Kind::Models => {
                 animimic::sim::Model::ALL.iter().map(|m| (m.name().to_owned(), m.about().to_owned())).collect()

@@ -1,6 +1,7 @@
 //! What `animate` is asked to do.
 
 use crate::camera::CameraChoice;
+use crate::rigging::RigChoice;
 use crate::{Error, Physics};
 use animimic_fit::Preset;
 use std::ops::Range;
@@ -15,6 +16,8 @@ pub struct Job {
     pub videos: Vec<PathBuf>,
     /// Folder for the results; made if absent.
     pub out: PathBuf,
+    /// Where the rig comes from.
+    pub rig: RigChoice,
     /// The camera of the videos.
     pub camera: CameraChoice,
     /// Clip names, in the order of the videos; missing ones are taken from the file names.
@@ -47,6 +50,7 @@ impl Job {
             model: model.into(),
             videos,
             out: out.into(),
+            rig: RigChoice::Auto,
             camera: CameraChoice::Auto,
             clips: Vec::new(),
             frames: None,

@@ -15,6 +15,8 @@ pub struct Report {
     pub model: String,
     /// Options that shaped the result.
     pub options: Value,
+    /// Where the rig is from, in words.
+    pub rig: String,
     /// Size of the model.
     pub size: Value,
     /// One entry per video.
@@ -73,7 +75,7 @@ const DOUBTFUL_CAMERA_IOU: f64 = 0.9;
 const DOUBTFUL_MASK: f32 = 0.5;
 
 impl Report {
-    pub(super) fn new(job: &Job, asset: &Asset, clips: Vec<ClipReport>) -> Self {
+    pub(super) fn new(job: &Job, asset: &Asset, rig: String, clips: Vec<ClipReport>) -> Self {
         let mut options = serde_json::json!({
             "camera": job.camera.to_string(), "height_px": job.height_px, "seed": job.seed,
             "preset": job.preset.name(),
@@ -92,6 +94,7 @@ impl Report {
             program: concat!("animimic ", env!("CARGO_PKG_VERSION")).into(),
             model: file_name(&job.model).unwrap_or_default(),
             options,
+            rig,
             size,
             clips,
             physics: Value::Null,

@@ -10,7 +10,7 @@ mod mtl;
 pub mod npz;
 pub mod obj;
 pub mod off;
-mod orphans;
+pub mod orphans;
 mod picture;
 mod plain;
 pub mod ply;

@@ -57,7 +57,7 @@ mod tests {
             positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z],
             uvs: vec![DVec2::new(0.0, 0.25); 4],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
-            parts: vec![Part { name: "a b".into(), vertices: 0..4, triangles: 0..2, look: 0 }],
+            parts: vec![Part { name: "a b".into(), vertices: 0..4, triangles: 0..2, look: 0, skin: None }],
             ..Mesh::default()
         };
         let frames = (0..3).map(|f| mesh.positions.iter().map(|p| *p + DVec3::X * f64::from(f)).collect()).collect();
