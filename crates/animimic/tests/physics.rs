@@ -214,7 +214,7 @@ fn helper_bones_carry_two_clips_and_a_rigid_part_and_leave_the_given_keys_byte_f
 fn clips_that_the_file_has_and_keeps_play_as_before_beside_softened_ones() {
     let still = worm(false);
     let old = Refined { trajectory: None, ..soft(&still, "old", 0.0) };
-    let bytes = write_clips(&still, &[old.motion.clone()], &ExportOptions::default()).unwrap();
+    let bytes = write_clips(&still, std::slice::from_ref(&old.motion), &ExportOptions::default()).unwrap();
     let asset = read(bytes);
     let before = clips(&asset).unwrap()[0].motion(&asset.rig.skeleton, FPS).unwrap();
     let before = Refined { trajectory: Some(Trajectory { fps: FPS, frames: posed(&asset, &before) }), motion: before };
@@ -284,11 +284,11 @@ fn motion_that_the_skin_already_has_gives_the_same_bytes_as_no_physics_at_all() 
     let asset = worm(true);
     let mut clip = soft(&asset, "clip", 0.0);
     let folder = tempfile::tempdir().unwrap();
-    let plain = std::fs::read(&delivered(&asset, &[clip.clone()], "none", folder.path()).files[0]).unwrap();
+    let plain = std::fs::read(&delivered(&asset, std::slice::from_ref(&clip), "none", folder.path()).files[0]).unwrap();
     for physics in ["rig", "morph"] {
         for trajectory in [clip.trajectory.clone(), None] {
             clip.trajectory = trajectory;
-            let out = delivered(&asset, &[clip.clone()], physics, folder.path());
+            let out = delivered(&asset, std::slice::from_ref(&clip), physics, folder.path());
             println!("{}", out.words());
             assert!(out.carrier.is_empty() && std::fs::read(&out.files[0]).unwrap() == plain);
             clip = soft(&asset, "clip", 0.0);
