@@ -343,7 +343,8 @@ fn a_service_that_is_busy_or_broken_is_asked_again_as_it_wishes_and_given_up_in_
         let server = service(name, End::Video, vec![401]);
         let (_folder, ask, out) = order(&server.url);
         let error = run(name, &ask, &out, &mut world()).unwrap_err().to_string();
-        assert!(error.contains("401") && error.contains("check the key") && server.seen().len() == 1, "{error}");
+        assert!(error.contains("401") && server.seen().len() == 1, "{error}");
+        assert_eq!(error.contains("check the key"), !keys_of(name).is_empty());
     }
 }
 

@@ -85,7 +85,7 @@ fn result(outputs: &Value) -> Option<&Value> {
 /// Why a run ended in an error, from the last message that says so.
 fn failure(status: &Value) -> String {
     let messages = status.get("messages").and_then(Value::as_array).into_iter().flatten();
-    let words = messages.filter_map(|m| m.pointer("/1/exception_message").and_then(Value::as_str)).last();
+    let words = messages.filter_map(|m| m.pointer("/1/exception_message").and_then(Value::as_str)).next_back();
     words.unwrap_or("no reason given").trim().to_owned()
 }
 
