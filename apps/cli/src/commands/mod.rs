@@ -40,6 +40,8 @@ commands! {
     rig::Rig,
     /// Draw the picture that an image-to-video model starts from, with its camera
     still::Still,
+    /// Give an animated model soft tissue: its clip gains inertia and elasticity, and stays in the rig
+    soften::Soften,
     /// Fill a model with tetrahedra: VTU, MSH or npz
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving

@@ -1,10 +1,10 @@
 //! Writes the files of a softened clip.
 
 use super::{Soften, Softened};
+use crate::Error;
 use crate::event::{Event, Progress, tell};
 use crate::physics::{Delivery, deliver};
 use crate::pictures::Studio;
-use crate::{Error, metrics};
 use animimic_render::overlay;
 use animimic_scene::io::gltf::ExportOptions;
 use animimic_scene::{Asset, Camera, Image, io};
@@ -24,7 +24,7 @@ const ROOM: f64 = 1.05;
 pub fn write(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progress) -> Result<Value, Error> {
     std::fs::create_dir_all(&job.out).map_err(Error::io(&job.out))?;
     let glb = job.out.join("softened.glb");
-    let report = report(job, softened);
+    let report = report(job, asset, softened);
     let options = ExportOptions { extras: report.clone(), ..Default::default() };
     let clips = [softened.refined()];
     let delivered = deliver(job.physics, &Delivery { asset, clips: &clips, glb: &glb, options })?;
@@ -37,12 +37,13 @@ pub fn write(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Pr
     Ok(report)
 }
 
-fn report(job: &Soften, softened: &Softened) -> Value {
+fn report(job: &Soften, asset: &Asset, softened: &Softened) -> Value {
     let (r, y) = (&softened.simulation, &softened.yielded);
-    let diagonal = metrics::diagonal(&softened.skinned[0]);
+    let diagonal = asset.mesh.diagonal();
     let pairs = softened.skinned.iter().flatten().zip(softened.soft.iter().flatten());
     let (sum, count) = pairs.fold((0.0, 0usize), |(s, n), (a, b)| (s + a.distance_squared(*b), n + 1));
-    let names: Vec<String> = job.softness.iter().map(|s| format!("{}={:e}", s.material.as_deref().unwrap_or("all"), s.young)).collect();
+    let names: Vec<String> =
+        job.softness.iter().map(|s| format!("{}={:e}", s.material.as_deref().unwrap_or("all"), s.young)).collect();
     json!({
         "program": concat!("animimic ", env!("CARGO_PKG_VERSION")),
         "clip": softened.motion.name, "frames": softened.motion.poses.len(), "fps": softened.motion.fps,
@@ -64,7 +65,8 @@ fn views(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progre
     let frames = softened.soft.len();
     let draw = |t: usize| {
         let mut out = Image::filled(2 * side, side, BACKGROUND);
-        for (k, (surface, label)) in [(&softened.skinned, "skinning"), (&softened.soft, "soft")].into_iter().enumerate() {
+        for (k, (surface, label)) in [(&softened.skinned, "skinning"), (&softened.soft, "soft")].into_iter().enumerate()
+        {
             overlay::paste(&mut out, &studio.draw(&camera, &surface[t], BACKGROUND).0, k * side, 0);
             overlay::text(&mut out, k * side + 8, 8, label, 1, INK);
         }

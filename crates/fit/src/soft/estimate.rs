@@ -160,7 +160,10 @@ impl Problem<'_, '_> {
                 let step = normal.solve(damping);
                 let largest = step[..prior.ln_youngs.len()].iter().fold(0.0f64, |m, d| m.max(d.abs()));
                 let shrink = (LARGEST_CHANGE / largest.max(LARGEST_CHANGE)).min(1.0);
-                let trial = self.run(self.stepped(&now, prior, &step, shrink), (now.damping - shrink * step[step.len() - 1]).clamp(0.0, MOST_DAMPING))?;
+                let trial = self.run(
+                    self.stepped(&now, prior, &step, shrink),
+                    (now.damping - shrink * step[step.len() - 1]).clamp(0.0, MOST_DAMPING),
+                )?;
                 if self.objective(&trial, prior, scale) < before {
                     moved = Some(trial);
                     damping = (damping / 10.0).max(1e-9);
@@ -221,7 +224,8 @@ impl Problem<'_, '_> {
     /// Normal equations at a state; the last parameter is the damping.
     fn normal(&self, now: &State, prior: &Elasticity, scale: f64) -> Result<Normal, FitError> {
         let clusters = prior.ln_youngs.len();
-        let columns = sensitivities(&self.tissue.body, &now.elasticity, &now.simulated.settings, &now.simulated.simulation)?;
+        let columns =
+            sensitivities(&self.tissue.body, &now.elasticity, &now.simulated.settings, &now.simulated.simulation)?;
         let shaken = self.run(now.elasticity.clone(), now.damping + DAMPING_STEP)?;
         let mut normal = Normal::zeros(clusters + 1);
         let weight = 1.0 / (scale * scale).max(f64::MIN_POSITIVE);
