@@ -25,6 +25,7 @@ fn job(name: &str) -> Option<Soften> {
 fn a_clip_gains_soft_tissue_and_stays_in_the_rig() {
     let Some(mut job) = job("rig") else { return };
     job.softness = vec!["jelly".parse().unwrap()];
+    job.clip = Some("2_move".into());
     let report = soften(&job, &mut |_| ControlFlow::Continue(())).unwrap();
     println!("{report:#}");
     let number = |key: &str| report[key].as_f64().unwrap();
@@ -34,8 +35,7 @@ fn a_clip_gains_soft_tissue_and_stays_in_the_rig() {
     assert!(number("from_skinning_rms_percent") > 0.1, "jelly sways");
     assert!(report["export"]["residual_percent"]["p99"].as_f64().unwrap() < 0.6);
     let (before, after) = (io::read(&job.model).unwrap(), io::read(job.out.join("softened.glb")).unwrap());
-    let clip = gltf::clips(&before).unwrap()[0].name.clone();
-    assert!(gltf::clips(&after).unwrap().iter().any(|c| c.name == clip), "the clip keeps its name");
+    assert!(gltf::clips(&after).unwrap().iter().any(|c| c.name == "2_move"), "the clip keeps its name");
     assert_eq!(before.mesh.positions.len(), after.mesh.positions.len());
     assert!(job.out.join("views.mp4").metadata().unwrap().len() > 1000 && job.out.join("report.json").exists());
     std::fs::remove_dir_all(&job.out).unwrap();
