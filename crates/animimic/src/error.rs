@@ -14,12 +14,18 @@ pub enum Error {
     /// A mesh that cannot be drawn.
     #[error(transparent)]
     Render(#[from] animimic_render::RenderError),
+    /// A model that cannot be rigged.
+    #[error(transparent)]
+    Rig(#[from] animimic_rig::riggers::RigError),
     /// Inputs that the fit refuses.
     #[error(transparent)]
     Fit(animimic_fit::FitError),
     /// A body that cannot be simulated, or a surface that cannot be filled.
     #[error(transparent)]
     Sim(#[from] animimic_sim::SimError),
+    /// A surface that does not belong to its model.
+    #[error(transparent)]
+    Helpers(#[from] animimic_rig::helpers::HelperError),
     /// A file could not be read or written.
     #[error("{path}: {source}", path = .path.display())]
     Io {

@@ -1,4 +1,4 @@
-//! Kinematics, skinning and their derivatives.
+//! Kinematics, skinning and their derivatives; riggers.
 //!
 //! Cameras and losses are deliberately absent.
 #![deny(missing_docs)]
@@ -8,9 +8,11 @@ pub mod fixtures;
 pub mod helpers;
 pub mod kinematics;
 pub mod limbs;
+pub mod morphs;
 pub mod proxy;
 pub mod pullback;
 pub mod residual;
+pub mod riggers;
 pub mod smoothness;
 pub mod solve_tree;
 

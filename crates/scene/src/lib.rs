@@ -1,6 +1,7 @@
 //! Every noun of the project as a plain struct, and one file per file format under [`io`].
 //!
-//! Algorithms are deliberately absent: this crate says what a mesh, a rig, a motion and a video *are*.
+//! Algorithms are deliberately absent but for [`solid`], what a mesh encloses: this crate says what a mesh, a rig, a motion and
+//! a video *are*.
 //!
 //! Conventions: right-handed, Y up, seconds, radians; `a_from_b` transforms; pixel centres at +0.5;
 //! f64 for geometry, 8-bit sRGB for stored pixels.
@@ -14,6 +15,7 @@ pub mod io;
 pub mod mesh;
 pub mod motion;
 pub mod rig;
+pub mod solid;
 pub mod tet_mesh;
 pub mod video;
 

@@ -82,19 +82,9 @@ pub enum SimError {
         /// The allowed range in words.
         range: &'static str,
     },
-    /// A surface without any triangle that has an area.
-    #[error("the surface has no triangle with an area; there is nothing to fill")]
-    EmptySurface,
-    /// A surface triangle names a vertex that does not exist.
-    #[error("surface triangle {triangle} names vertex {vertex}, but there are only {vertices}")]
-    SurfaceIndex {
-        /// The triangle.
-        triangle: usize,
-        /// The vertex it names.
-        vertex: u32,
-        /// Vertices in the mesh.
-        vertices: usize,
-    },
+    /// A surface that cannot be filled.
+    #[error(transparent)]
+    Surface(#[from] animimic_scene::solid::SurfaceError),
     /// An array has the wrong length.
     #[error("{what} has {got} entries, expected {expected}")]
     Length {

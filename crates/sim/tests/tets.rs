@@ -3,6 +3,7 @@
 #[path = "../examples/tets/models.rs"]
 mod models;
 
+use animimic_scene::solid::SurfaceError;
 use animimic_scene::{Mesh, io};
 use animimic_sim::SimError;
 use animimic_sim::tet::{Cage, cage, quality};
@@ -316,12 +317,15 @@ fn the_same_surface_gives_the_same_bytes_for_any_number_of_threads() {
 fn surfaces_without_area_and_broken_ones_are_typed_errors() {
     let flat =
         Mesh { positions: vec![DVec3::ZERO, DVec3::X, 2.0 * DVec3::X], triangles: vec![[0, 1, 2]], ..Mesh::default() };
-    assert_eq!(cage(&flat, 100).err(), Some(SimError::EmptySurface));
-    assert_eq!(cage(&Mesh::default(), 100).err(), Some(SimError::EmptySurface));
+    assert_eq!(cage(&flat, 100).err(), Some(SurfaceError::Empty.into()));
+    assert_eq!(cage(&Mesh::default(), 100).err(), Some(SurfaceError::Empty.into()));
     let mut bad = block(DVec3::ZERO, DVec3::ONE);
     assert!(matches!(cage(&bad, 0), Err(SimError::OutOfRange { name: "tets", .. })));
     bad.triangles[3][1] = 99;
-    assert!(matches!(cage(&bad, 100), Err(SimError::SurfaceIndex { triangle: 3, vertex: 99, vertices: 8 })));
+    assert!(matches!(
+        cage(&bad, 100),
+        Err(SimError::Surface(SurfaceError::Index { triangle: 3, vertex: 99, vertices: 8 }))
+    ));
     bad.positions[2].y = f64::NAN;
-    assert!(matches!(cage(&bad, 100), Err(SimError::NotFinite { index: 2, .. })));
+    assert!(matches!(cage(&bad, 100), Err(SimError::Surface(SurfaceError::NotFinite { index: 2 }))));
 }

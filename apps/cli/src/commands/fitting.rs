@@ -3,6 +3,7 @@
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::camera::CameraChoice;
+use animimic::rigging::RigChoice;
 use animimic::{Error, Job, Preset, Progress, Report};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -10,6 +11,9 @@ use std::path::{Path, PathBuf};
 /// Options that shape the motion that is found.
 #[derive(clap::Args)]
 pub struct Fitting {
+    /// The rig: auto (the model's own, else one is made), keep (only the model's own), or a rigged GLB or rig.txt
+    #[arg(long, value_name = "auto|keep|FILE", default_value = "auto")]
+    pub rig: RigChoice,
     /// Camera of the videos: auto, a camera.json, or preset:NAME (see `animimic list cameras`)
     #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto")]
     pub camera: CameraChoice,
@@ -58,6 +62,7 @@ impl Fitting {
     /// The job that the options ask for.
     fn job(&self, model: &Path, videos: Vec<PathBuf>, out: &Path, common: &Common) -> Job {
         Job {
+            rig: self.rig.clone(),
             camera: self.camera.clone(),
             clips: self.clips.clone(),
             frames: self.frames.clone(),
@@ -74,7 +79,7 @@ impl Fitting {
 
 /// A report in a few lines for people.
 fn words(report: &Report) -> String {
-    let mut text = String::new();
+    let mut text = format!("rig: {}\n", report.rig);
     for clip in &report.clips {
         let number = |key: &str| clip.metrics.get(key).and_then(|v| v.as_f64());
         text += &format!("{}: {} frames", clip.name, clip.frames);

@@ -18,8 +18,12 @@ enum Kind {
     Cues,
     /// Ways to find the motion
     Presets,
+    /// Ways to give a model a skeleton
+    Riggers,
     /// Constitutive models of soft tissue
     Models,
+    /// Ways to deliver motion that goes beyond the skeleton
+    Physics,
 }
 
 impl List {
@@ -41,6 +45,12 @@ impl List {
             }
             Kind::Presets => {
                 animimic::Preset::ALL.iter().map(|p| (p.name().to_owned(), p.summary().to_owned())).collect()
+            }
+            Kind::Physics => {
+                animimic::physics::ENCODINGS.iter().map(|e| (e.name().to_owned(), e.summary().to_owned())).collect()
+            }
+            Kind::Riggers => {
+                animimic::RIGGERS.iter().map(|r| (r.name().to_owned(), r.summary().to_owned())).collect()
             }
             Kind::Models => {
                 animimic::sim::Model::ALL.iter().map(|m| (m.name().to_owned(), m.about().to_owned())).collect()

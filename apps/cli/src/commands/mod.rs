@@ -26,9 +26,9 @@ macro_rules! commands {
 }
 
 commands! {
-    /// Move a rigged model as a video shows: GLB, videos to look at and a report
+    /// Move a model as a video shows, rigged or not: GLB, videos to look at and a report
     animate::Animate,
-    /// Find the motion alone: rigged model and videos in, one GLB with a clip per video out
+    /// Find the motion alone: model and videos in, one GLB with a clip per video out
     fit::Fit,
     /// Find masks and point tracks in a video, with an overlay video to look at
     cues::Cues,
@@ -36,12 +36,14 @@ commands! {
     evaluate::Evaluate,
     /// Draw an animated model from several views as a video or picture
     render::Render,
+    /// Give a model a skeleton and skin weights: GLB or rig.txt
+    rig::Rig,
     /// Draw the picture that an image-to-video model starts from, with its camera
     still::Still,
     /// Fill a model with tetrahedra: VTU, MSH or npz
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
-    /// List what there is of a kind: formats, metrics, cameras, cues, presets, models
+    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models, physics
     list::List,
 }

@@ -1,7 +1,7 @@
 //! The whole way: model and videos in; animated GLB, videos to look at and a report out.
 //!
-//! read → cues → camera → motion → export → pictures → metrics. Everything is computed before the first file is written,
-//! and every file appears whole or not at all.
+//! read → rig, if there is none → cues → camera → motion → export → pictures → metrics. Everything is computed before the
+//! first file is written, and every file appears whole or not at all.
 
 mod certainty;
 mod chart;
@@ -22,10 +22,10 @@ pub use report::{ClipReport, LossCurve, Report};
 use crate::camera::{self, CameraChoice};
 use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
-use crate::{Against, Error, evaluate};
+use crate::{Against, Error, evaluate, rigging};
 use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
-use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
+use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -39,6 +39,8 @@ pub(crate) struct Take {
     pub mask_confidence: Vec<f32>,
     pub camera: CameraFile,
     pub motion: Motion,
+    /// Where the surface goes beyond the skin; `None` where it does not.
+    pub trajectory: Option<Trajectory>,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
     pub certainty: Vec<Certainty>,
@@ -99,7 +101,9 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
 /// Finds the motion in every video and measures it.
 fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset, Vec<Take>, Report), Error> {
     tell(progress, Event::Stage { name: "reading" })?;
-    let asset = clock.time("read", || read_model(&job.model))?;
+    let mut asset = clock.time("read", || read_model(&job.model))?;
+    tell(progress, Event::Stage { name: "rigging" })?;
+    let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
@@ -115,7 +119,7 @@ fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset
         tell(progress, Event::Stage { name: "measuring" })?;
         clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
-    let report = Report::new(job, &asset, clips);
+    let report = Report::new(job, &asset, rig, clips);
     Ok((asset, takes, report))
 }
 
@@ -123,12 +127,6 @@ fn read_model(path: &Path) -> Result<Asset, Error> {
     let asset = io::read(path)?;
     if asset.mesh.triangles.is_empty() {
         return Err(Error::Input(format!("{}: has no triangles to animate", path.display())));
-    }
-    if !asset.rig.is_articulated() {
-        return Err(Error::Input(format!(
-            "{}: has no skeleton that bends it: give a rigged model, or an OBJ with its rig.txt beside it",
-            path.display()
-        )));
     }
     Ok(asset)
 }
@@ -185,6 +183,7 @@ fn take(
         mask_confidence: found.mask_confidence,
         camera,
         motion: solved.motion,
+        trajectory: None,
         losses: solved.losses,
         uncertain: solved.uncertain,
         certainty: solved.certainty,

@@ -1,7 +1,8 @@
 //! What `animate` is asked to do.
 
-use crate::Error;
 use crate::camera::CameraChoice;
+use crate::rigging::RigChoice;
+use crate::{Error, Physics};
 use animimic_fit::Preset;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -15,6 +16,8 @@ pub struct Job {
     pub videos: Vec<PathBuf>,
     /// Folder for the results; made if absent.
     pub out: PathBuf,
+    /// Where the rig comes from.
+    pub rig: RigChoice,
     /// The camera of the videos.
     pub camera: CameraChoice,
     /// Clip names, in the order of the videos; missing ones are taken from the file names.
@@ -31,6 +34,8 @@ pub struct Job {
     pub depth: Vec<PathBuf>,
     /// How the motion is found.
     pub preset: Preset,
+    /// How motion that goes beyond the skeleton is delivered.
+    pub physics: Physics,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -45,6 +50,7 @@ impl Job {
             model: model.into(),
             videos,
             out: out.into(),
+            rig: RigChoice::Auto,
             camera: CameraChoice::Auto,
             clips: Vec::new(),
             frames: None,
@@ -53,6 +59,7 @@ impl Job {
             tracks: Vec::new(),
             depth: Vec::new(),
             preset: Preset::Default,
+            physics: Physics::default(),
             seed: 0,
         }
     }

@@ -11,12 +11,13 @@ mod mpjpe;
 mod psnr;
 mod rest_fidelity;
 mod self_intersections;
+pub mod skeleton_distance;
 mod ssim;
 mod track_error;
 mod vertex_error;
 mod volume_change;
 
-pub use self_intersections::intersecting_pairs;
+pub use self_intersections::{crossing_triangles, intersecting_pairs};
 pub use volume_change::enclosed_volume;
 
 use crate::truth::Truth;
@@ -54,6 +55,7 @@ pub const METRICS: &[&dyn Metric] = &[
     &volume_change::VolumeChange,
     &foot_sliding::FootSliding,
     &rest_fidelity::RestFidelity,
+    &skeleton_distance::SkeletonDistance,
 ];
 
 /// Everything that a metric may look at.

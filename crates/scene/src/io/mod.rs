@@ -10,7 +10,7 @@ mod mtl;
 pub mod npz;
 pub mod obj;
 pub mod off;
-mod orphans;
+pub mod orphans;
 mod picture;
 mod plain;
 pub mod ply;
@@ -20,6 +20,7 @@ pub mod rig_txt;
 pub mod stl;
 pub mod tets;
 mod text;
+pub mod trajectory;
 pub mod weld;
 
 pub use atomic::write_atomically;

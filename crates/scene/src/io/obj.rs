@@ -4,7 +4,7 @@
 //! it (general readers re-index it away).
 
 use super::text::{bad_line, lines, number, triple};
-use super::{Format, ReadOptions, SceneError, mtl, plain, polygon, rig_txt};
+use super::{Format, ReadOptions, SceneError, load, mtl, plain, polygon, rig_txt};
 use crate::{Asset, Look, Mesh, Part};
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
@@ -36,6 +36,16 @@ impl Format for Obj {
         }
         Ok(asset)
     }
+}
+
+/// The `v` line of every vertex of the mesh read from an OBJ file, and the number of `v` lines: `rig.txt` counts in those.
+///
+/// # Errors
+/// Those of reading the file.
+pub fn raw_vertices(path: impl AsRef<Path>) -> Result<(Vec<u32>, usize), SceneError> {
+    let path = path.as_ref();
+    let model = parse(&load(path)?, path).map_err(|e| e.in_file(path))?;
+    Ok((model.raw_vertex, model.v.len()))
 }
 
 /// `NAME.rig.txt`, `NAME_rig.txt` or `rig.txt` in the OBJ's folder.
@@ -174,7 +184,7 @@ impl Model {
             return;
         }
         let look = self.look.unwrap_or_else(|| self.look_named(""));
-        self.mesh.parts.push(Part { name: self.name.clone(), vertices, triangles, look });
+        self.mesh.parts.push(Part { name: self.name.clone(), vertices, triangles, look, skin: None });
         self.seen.clear();
     }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// Fills every empty list from the nearest vertex (Euclidean; the lower index on a tie) whose list is not empty, and returns how many it filled.
-pub(crate) fn adopt<T: Clone>(positions: &[DVec3], lists: &mut [Vec<T>]) -> usize {
+pub fn adopt<T: Clone>(positions: &[DVec3], lists: &mut [Vec<T>]) -> usize {
     let orphans: Vec<usize> = (0..lists.len()).filter(|&v| lists[v].is_empty()).collect();
     let mut donors: Vec<usize> = (0..lists.len()).filter(|&v| !lists[v].is_empty()).collect();
     if orphans.is_empty() || donors.is_empty() {

@@ -209,6 +209,13 @@ pub fn from_asset(asset: &Asset) -> RigText {
     }
 }
 
+/// The same rig with weights per raw OBJ vertex: `raw_vertex` maps the mesh's vertices to `v` lines. Those that no face uses get none.
+pub fn per_raw_vertex(rig: &RigText, raw_vertex: &[u32], raw_count: usize) -> RigText {
+    let mut weights = vec![Vec::new(); raw_count];
+    raw_vertex.iter().zip(&rig.weights).for_each(|(&raw, list)| weights[raw as usize].clone_from(list));
+    RigText { weights, ..rig.clone() }
+}
+
 /// Writes a `rig.txt`.
 ///
 /// # Errors
@@ -217,7 +224,7 @@ pub fn write(path: impl AsRef<Path>, rig: &RigText) -> Result<(), SceneError> {
     write_atomically(path, |w| w.write_all(to_text(rig).as_bytes()))
 }
 
-/// The text of a `rig.txt`.
+/// The text of a `rig.txt`: numbers in the shortest form that reads back to the same bits.
 pub fn to_text(rig: &RigText) -> String {
     let mut text = String::new();
     let mut line = |words: String| {
@@ -225,13 +232,13 @@ pub fn to_text(rig: &RigText) -> String {
         text.push('\n');
     };
     for (name, p) in &rig.joints {
-        line(format!("joints {name} {:.8} {:.8} {:.8}", p.x, p.y, p.z));
+        line(format!("joints {name} {} {} {}", p.x, p.y, p.z));
     }
     for (j, _) in rig.parents.iter().enumerate().filter(|(_, p)| p.is_none()) {
         line(format!("root {}", rig.joints[j].0));
     }
     for (v, list) in rig.weights.iter().enumerate() {
-        let pairs: String = list.iter().map(|&(j, w)| format!(" {} {w:.6}", rig.joints[j].0)).collect();
+        let pairs: String = list.iter().map(|&(j, w)| format!(" {} {w}", rig.joints[j].0)).collect();
         line(format!("skin {v}{pairs}"));
     }
     for (j, p) in rig.parents.iter().enumerate() {

@@ -6,9 +6,9 @@
 use super::lattice::{Barycentric, Cell, Lattice, Point};
 use super::pieces::{Piece, pieces};
 use super::regions::{Context, GRID, Regions, regions, sample_grid, sample_pairs};
-use super::soup::Soup;
-use super::union_find::UnionFind;
-use super::winding_number::{Enclosure, WindingNumber};
+use animimic_scene::solid::Soup;
+use animimic_scene::solid::UnionFind;
+use animimic_scene::solid::{Enclosure, WindingNumber};
 use animimic_scene::{Embedding, TetMesh};
 use glam::DVec3;
 use rayon::prelude::*;

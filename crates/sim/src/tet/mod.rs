@@ -9,25 +9,19 @@
 //! Molino et al. 2003. Not fitted to the surface, because the surface is embedded and tets of one shape are the best for dynamics.
 
 mod assemble;
-#[cfg(test)]
-mod fixtures;
 mod lattice;
 mod pieces;
 mod quality;
 mod regions;
-mod soup;
-mod union_find;
-mod winding_number;
 
 pub use quality::{Quality, quality};
 
 use crate::error::SimError;
+use animimic_scene::solid::{Soup, SurfaceError, WindingNumber};
 use animimic_scene::{Embedding, Mesh, TetMesh};
 use assemble::Filling;
 use glam::DVec3;
 use lattice::Lattice;
-use soup::Soup;
-use winding_number::WindingNumber;
 
 /// Tets when nothing is said: the reference's scale.
 pub const DEFAULT_TETS: usize = 3000;
@@ -64,7 +58,7 @@ pub struct Cage {
 /// A cage of about `tets` tets for a surface.
 ///
 /// # Errors
-/// [`SimError::EmptySurface`] where no triangle has an area; coordinates that are not finite, indices or `tets` out of range.
+/// [`SimError::Surface`] where no triangle has an area, coordinates are not finite or indices out of range; `tets` out of range.
 pub fn cage(surface: &Mesh, tets: usize) -> Result<Cage, SimError> {
     if !(1..=MOST_TETS).contains(&tets) {
         return Err(SimError::OutOfRange { name: "tets", value: tets as f64, range: "1 to 1000000" });
@@ -89,5 +83,5 @@ pub fn cage(surface: &Mesh, tets: usize) -> Result<Cage, SimError> {
         }
         spacing *= (off / EXPONENT).exp().clamp(0.3, 3.0);
     }
-    best.map(|b| b.1).ok_or(SimError::EmptySurface)
+    best.map(|b| b.1).ok_or(SimError::Surface(SurfaceError::Empty))
 }

@@ -3,7 +3,7 @@
 //! In barycentric coordinates of a tet a triangle stays a triangle and the tet is bᵢ ≥ 0: clipping is four comparisons.
 
 use super::lattice::{Barycentric, Cell, Lattice};
-use super::soup::Soup;
+use animimic_scene::solid::Soup;
 use glam::DVec3;
 use rayon::prelude::*;
 

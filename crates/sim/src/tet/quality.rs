@@ -1,7 +1,7 @@
 //! How good a tet mesh is, and how it hangs together.
 
-use super::union_find::UnionFind;
 use animimic_scene::TetMesh;
+use animimic_scene::solid::UnionFind;
 use glam::DVec3;
 
 /// Figures of a tet mesh.

@@ -13,9 +13,9 @@
 
 use super::lattice::{Barycentric, Lattice};
 use super::pieces::{Piece, segment_meets};
-use super::soup::Soup;
-use super::union_find::UnionFind;
-use super::winding_number::{Enclosure, WindingNumber};
+use animimic_scene::solid::Soup;
+use animimic_scene::solid::UnionFind;
+use animimic_scene::solid::{Enclosure, WindingNumber};
 use glam::DVec3;
 
 /// Steps of the sample grid along a tet's edge.

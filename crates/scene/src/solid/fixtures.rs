@@ -1,6 +1,6 @@
 //! Surfaces for tests, all made here.
 
-use animimic_scene::Mesh;
+use crate::Mesh;
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
 

@@ -1,7 +1,7 @@
 //! Any triangle mesh made ready for a cage: welded, without degenerate and doubled triangles, consistently wound where that is possible.
 
-use crate::error::{SimError, check_finite};
-use animimic_scene::Mesh;
+use super::SurfaceError;
+use crate::Mesh;
 use glam::DVec3;
 
 /// Twice a triangle's area below this share of the squared diagonal is none.
@@ -9,7 +9,7 @@ const NO_AREA: f64 = 1e-14;
 
 /// Triangles that count, with what holds them together.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Soup {
+pub struct Soup {
     /// Welded positions.
     pub positions: Vec<DVec3>,
     /// Triangles over welded vertices.
@@ -31,18 +31,17 @@ impl Soup {
     ///
     /// # Errors
     /// A coordinate that is not finite, an index out of range, or no triangle with an area.
-    pub fn new(mesh: &Mesh) -> Result<Self, SimError> {
-        check_finite("surface vertex", &mesh.positions)?;
+    pub fn new(mesh: &Mesh) -> Result<Self, SurfaceError> {
+        if let Some(index) = mesh.positions.iter().position(|p| !p.is_finite()) {
+            return Err(SurfaceError::NotFinite { index });
+        }
         let n = mesh.positions.len();
         if let Some(t) = mesh.triangles.iter().position(|t| t.iter().any(|&v| v as usize >= n)) {
             let vertex = mesh.triangles[t].iter().copied().max().unwrap_or(0);
-            return Err(SimError::SurfaceIndex { triangle: t, vertex, vertices: n });
+            return Err(SurfaceError::Index { triangle: t, vertex, vertices: n });
         }
-        let welded = if mesh.welded.len() == n {
-            mesh.welded.clone()
-        } else {
-            animimic_scene::io::weld::by_position(&mesh.positions).0
-        };
+        let welded =
+            if mesh.welded.len() == n { mesh.welded.clone() } else { crate::io::weld::by_position(&mesh.positions).0 };
         let count = welded.iter().max().map_or(0, |&m| m as usize + 1);
         let mut positions = vec![DVec3::ZERO; count];
         welded.iter().zip(&mesh.positions).for_each(|(&w, &p)| positions[w as usize] = p);
@@ -64,7 +63,7 @@ impl Soup {
         seen.dedup_by_key(|s| s.0);
         seen.sort_unstable_by_key(|s| s.1);
         if seen.is_empty() {
-            return Err(SimError::EmptySurface);
+            return Err(SurfaceError::Empty);
         }
         let triangles = seen.iter().map(|&(_, k)| mesh.triangles[k].map(|v| welded[v as usize])).collect();
         let mut soup = Self { positions, triangles, welded, bounds: [lo, hi], ..Self::default() };

@@ -17,14 +17,14 @@ const LEAF: usize = 8;
 const OWN_TREES: usize = 64;
 
 /// Winding numbers of one soup.
-pub(crate) struct WindingNumber {
+pub struct WindingNumber {
     /// Component (none for the shared one) and its tree.
     trees: Vec<(Option<u32>, Tree)>,
 }
 
 /// What encloses a point.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Enclosure {
+pub struct Enclosure {
     /// The winding number of all components together.
     pub total: f64,
     /// The largest of single components.

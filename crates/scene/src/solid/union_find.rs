@@ -1,7 +1,7 @@
 //! Disjoint sets with path halving; the smaller root wins, so results do not depend on the order of joins.
 
 /// Sets of 0..n.
-pub(crate) struct UnionFind {
+pub struct UnionFind {
     parent: Vec<u32>,
 }
 

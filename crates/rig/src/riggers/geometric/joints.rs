@@ -1,0 +1,333 @@
+//! Joints on chains: where limbs bend, else where bodies usually do.
+
+use super::anatomy::{Anatomy, Role, arc, nearest, place_on_trunk};
+use super::chains::Graph;
+use glam::DVec3;
+
+/// Lengths of bones [longest side] at the middle level of detail.
+const SPINE_BONE: f64 = 0.11;
+const NECK_BONE: f64 = 0.10;
+const TAIL_BONE: f64 = 0.085;
+const LIMB_BONE: f64 = 0.08;
+const TWIG_BONE: f64 = 0.08;
+
+/// Where limbs of 1, 2, 3, 4 bones bend if nothing shows it: shares of their length.
+const PROPORTIONS: [&[f64]; 4] = [&[], &[0.48], &[0.43, 0.8], &[0.36, 0.66, 0.86]];
+
+/// A joint off its usual place by this share of the limb costs as much as a bone that leaves the middle by `STRAY`.
+const USUAL: f64 = 0.16;
+const STRAY: f64 = 0.012;
+
+/// A limb begins where its balls grow beyond this many times its usual radius, at most this share of it from the trunk.
+const FLARE: f64 = 1.45;
+const ROOT_SHARE: f64 = 0.4;
+
+/// A limb's first joint lies above where it comes out, straight on, this share of the way to the trunk's axis.
+const SOCKET: f64 = 0.55;
+
+/// A head is what lies beyond a neck narrower than the head by this factor.
+const NECK: f64 = 1.12;
+/// Without a neck the head is this share of what lies before the chest.
+const HEADLESS: f64 = 0.5;
+
+/// A joint to be.
+#[derive(Clone, Debug)]
+pub(crate) struct Draft {
+    /// What it belongs to, and its number there; the head has none.
+    pub stem: String,
+    pub number: Option<usize>,
+    pub position: DVec3,
+    pub parent: Option<usize>,
+    /// Medial balls that it carries: centre, radius.
+    pub seeds: Vec<(DVec3, f64)>,
+    /// Lies beside the plane of an exactly symmetric body: to be mirrored.
+    pub lateral: bool,
+    /// Chain that it lies on.
+    pub chain: usize,
+}
+
+/// All joints, parents first. Of exactly symmetric bodies the half that is there.
+pub(crate) fn joints(graph: &Graph, anatomy: &Anatomy, fineness: f64) -> Vec<Draft> {
+    let mut builder = Builder { graph, anatomy, fineness, drafts: Vec::new(), owner: Vec::new() };
+    builder.trunk();
+    for c in 1..anatomy.chains.len() {
+        builder.limb(c);
+    }
+    builder.drafts
+}
+
+struct Builder<'a> {
+    graph: &'a Graph<'a>,
+    anatomy: &'a Anatomy,
+    fineness: f64,
+    drafts: Vec<Draft>,
+    /// Joint that carries each place \[chain\]\[place\].
+    owner: Vec<Vec<usize>>,
+}
+
+impl Builder<'_> {
+    fn trunk(&mut self) {
+        let nodes = &self.anatomy.chains[0].nodes;
+        let along = arc(self.graph, nodes);
+        let pelvis = self.anatomy.pelvis;
+        self.owner.push(vec![0; nodes.len()]);
+        self.push("pelvis".into(), None, (0, pelvis), None);
+        let end = nodes.len() - 1;
+        let chest = self.anatomy.chest.unwrap_or(pelvis);
+        let head = self.head(&along, chest.max(pelvis));
+        // Forward: spine to the chest, neck to the head, head.
+        let mut places = Vec::new();
+        let stops = match self.anatomy.chest {
+            Some(c) => [(c, "spine", SPINE_BONE), (head.unwrap_or(end), "neck", NECK_BONE)],
+            None => [(head.unwrap_or(end), "spine", SPINE_BONE), (head.unwrap_or(end), "neck", NECK_BONE)],
+        };
+        let mut from = pelvis;
+        for (to, name, bone) in stops {
+            let length = (along[to] - along[from]).max(0.0);
+            let count = (length / (bone * self.graph.longest / self.fineness)).round() as usize;
+            let count = if name == "spine" && length > 0.06 * self.graph.longest { count.max(2) } else { count };
+            let closing = usize::from(to == end && head.is_none());
+            for k in 1..=count.saturating_sub(closing) {
+                let s = along[from] + length * k as f64 / count as f64;
+                places.push((nearest(&along, s), name));
+            }
+            from = to;
+        }
+        if let Some(h) = head {
+            places.retain(|p| p.0 != h);
+            places.push((h, "head"));
+        }
+        let forward: Vec<(usize, &str)> = places.into_iter().filter(|p| p.0 > pelvis).collect();
+        self.row(&forward, &along, 1);
+        let backward: Vec<(usize, &str)> =
+            self.tail(&along).into_iter().filter(|&p| p < pelvis).map(|p| (p, "tail")).collect();
+        self.row(&backward, &along, -1);
+        self.carry(0, 0);
+    }
+
+    /// Joints one after the other along the trunk, from the pelvis outwards.
+    fn row(&mut self, places: &[(usize, &str)], along: &[f64], direction: isize) {
+        let (mut parent, mut last) = (0, self.anatomy.pelvis);
+        let mut number = (String::new(), 0);
+        for &(place, name) in places {
+            if place == last || (along[place] - along[last]).abs() < 0.02 * self.graph.longest / self.fineness {
+                continue;
+            }
+            number = if number.0 == name { (number.0, number.1 + 1) } else { (name.to_owned(), 1) };
+            let count = (name != "head").then_some(number.1);
+            parent = self.push(name.into(), count, (0, place), Some(parent));
+            let own = &mut self.owner[0];
+            if direction > 0 {
+                own[place..].fill(parent)
+            } else {
+                own[..=place].fill(parent)
+            }
+            last = place;
+        }
+    }
+
+    /// Where the head begins: behind the narrowest place before it.
+    fn head(&self, along: &[f64], from: usize) -> Option<usize> {
+        let nodes = &self.anatomy.chains[0].nodes;
+        let end = nodes.len() - 1;
+        let whole = along[end] - along[from];
+        if whole < 0.05 * self.graph.longest || end - from < 4 {
+            return None;
+        }
+        let radius = |i: usize| self.graph.radius(nodes[i]);
+        let share = |i: usize| (along[i] - along[from]) / whole;
+        let waist = (from..=end)
+            .filter(|&i| share(i) < 0.8)
+            .filter(|&i| (i..=end).map(radius).fold(0.0, f64::max) > NECK * radius(i))
+            .min_by(|&a, &b| radius(a).total_cmp(&radius(b)));
+        // A trunk that ends within its thickest ball: the head begins where that does.
+        let last = nodes[end];
+        let ball = (self.graph.tree.nodes[last].parent.is_none()).then(|| {
+            (from..=end).find(|&i| self.graph.at(nodes[i]).distance(self.graph.at(last)) < self.graph.radius(last))
+        });
+        waist.or(ball.flatten()).or_else(|| Some(nearest(along, along[from] + (1.0 - HEADLESS) * whole)))
+    }
+
+    /// Places of the tail's joints, from the pelvis outwards.
+    fn tail(&self, along: &[f64]) -> Vec<usize> {
+        let nodes = &self.anatomy.chains[0].nodes;
+        let pelvis = self.anatomy.pelvis;
+        let ball = self.graph.radius(nodes[pelvis]);
+        let Some(base) = (0..pelvis)
+            .rev()
+            .find(|&i| self.graph.radius(nodes[i]) < 0.6 * ball || along[pelvis] - along[i] > 1.2 * ball)
+        else {
+            return Vec::new();
+        };
+        let bone = TAIL_BONE * self.graph.longest / self.fineness;
+        if along[base] < 0.4 * bone {
+            return Vec::new();
+        }
+        let count = (along[base] / bone).round().max(1.0) as usize;
+        (0..count).map(|k| nearest(along, along[base] * (1.0 - k as f64 / count as f64))).collect()
+    }
+
+    fn limb(&mut self, c: usize) {
+        let chain = &self.anatomy.chains[c];
+        let Some((on, place)) = chain.parent else { return };
+        let role = self.anatomy.roles[c];
+        let nodes = &chain.nodes;
+        let along = arc(self.graph, nodes);
+        let hip = self.hip(c, &along);
+        let place = if on == 0 { place_on_trunk(self.graph, &self.anatomy.chains, chain) } else { place };
+        let parent = self.owner[on][place];
+        let length = along[along.len() - 1] - along[hip];
+        let (bone, least) = match role {
+            Role::Leg(..) | Role::Arm | Role::Wing => (LIMB_BONE, 2),
+            Role::Trunk | Role::Ear | Role::TailFin | Role::Fin | Role::Twig => (TWIG_BONE, 1),
+        };
+        let wanted = (length / (bone * self.graph.longest / self.fineness)).round() as usize;
+        let count = wanted.clamp(least, if self.fineness > 1.2 { 6 } else { 4 });
+        let places = bends(&nodes[hip..].iter().map(|&k| self.graph.at(k)).collect::<Vec<_>>(), count);
+        self.owner.push(vec![parent; nodes.len()]);
+        let first = self.drafts.len();
+        let mut last = parent;
+        for (k, p) in places.into_iter().enumerate() {
+            let name = stem(role, &self.drafts[parent].stem);
+            last = self.push(name, Some(k + 1), (c, hip + p), Some(last));
+            if k == 0 && on == 0 && least > 1 {
+                let axis = self.graph.at(self.anatomy.chains[0].nodes[place]);
+                self.drafts[last].position = self.socket(c, hip, &along, axis);
+            }
+            self.owner[c][hip + p..].fill(last);
+        }
+        self.carry(c, first);
+    }
+
+    /// Place where a limb comes out of what it grows on.
+    fn hip(&self, c: usize, along: &[f64]) -> usize {
+        let chain = &self.anatomy.chains[c];
+        let nodes = &chain.nodes;
+        let whole = along[along.len() - 1];
+        let usual = self.usual_radius(c);
+        let flare = (0..nodes.len())
+            .rev()
+            .find(|&i| along[i] < 0.6 * whole && self.graph.radius(nodes[i]) > FLARE * usual)
+            .unwrap_or(0);
+        let furthest = nearest(along, along[chain.exit] + ROOT_SHARE * (whole - along[chain.exit]));
+        chain.exit.max(flare.min(furthest)).min(nodes.len() - 1)
+    }
+
+    /// Where a limb turns in the trunk: straight on from its upper part.
+    fn socket(&self, c: usize, hip: usize, along: &[f64], axis: DVec3) -> DVec3 {
+        let nodes = &self.anatomy.chains[c].nodes;
+        let from = self.graph.at(nodes[hip]);
+        let below = nearest(along, along[hip] + 0.3 * (along[along.len() - 1] - along[hip]));
+        let up = (from - self.graph.at(nodes[below])).normalize_or_zero();
+        let reach = (axis - from).dot(up).max(0.0);
+        let inwards = from + 0.5 * SOCKET * (axis - from);
+        0.5 * (from + SOCKET * reach * up) + 0.5 * inwards
+    }
+
+    /// Median radius of a limb's outer two thirds.
+    fn usual_radius(&self, c: usize) -> f64 {
+        let nodes = &self.anatomy.chains[c].nodes;
+        let mut radii: Vec<f64> = nodes[nodes.len() / 3..].iter().map(|&k| self.graph.radius(k)).collect();
+        radii.sort_by(f64::total_cmp);
+        radii[radii.len() / 2]
+    }
+
+    fn push(
+        &mut self,
+        stem: String,
+        number: Option<usize>,
+        (chain, place): (usize, usize),
+        parent: Option<usize>,
+    ) -> usize {
+        let node = self.anatomy.chains[chain].nodes[place];
+        let lateral = !self.graph.tree.nodes[node].central || parent.is_some_and(|p| self.drafts[p].lateral);
+        let position = self.graph.at(node);
+        self.drafts.push(Draft { stem, number, position, parent, seeds: Vec::new(), lateral, chain });
+        self.drafts.len() - 1
+    }
+
+    /// Gives the joints their medial balls; those of a limb are no larger than the limb.
+    fn carry(&mut self, c: usize, first: usize) {
+        let most = if c == 0 { f64::INFINITY } else { 1.3 * self.usual_radius(c) };
+        for (i, &k) in self.anatomy.chains[c].nodes.iter().enumerate() {
+            let joint = self.owner[c][i];
+            if joint >= first {
+                self.drafts[joint].seeds.push((self.graph.at(k), self.graph.radius(k).min(most)));
+            }
+        }
+    }
+}
+
+/// First word of a limb's joints.
+fn stem(role: Role, parent: &str) -> String {
+    match role {
+        Role::Trunk => "spine".into(),
+        Role::Leg(_, 1) => "leg".into(),
+        Role::Leg(0, _) => "leg_back".into(),
+        Role::Leg(row, count) if row + 1 == count => "leg_front".into(),
+        Role::Leg(row, _) => format!("leg_mid{row}"),
+        Role::Arm => "arm".into(),
+        Role::Wing => "wing".into(),
+        Role::Ear => "ear".into(),
+        Role::TailFin => "tail_fin".into(),
+        Role::Fin => "fin".into(),
+        Role::Twig => format!("{}_branch", parent.trim_end_matches("_branch")),
+    }
+}
+
+/// Places on a curve where `count` bones begin: the polyline that stays nearest to the curve and to usual proportions
+/// (dynamic programming over all places).
+fn bends(points: &[DVec3], count: usize) -> Vec<usize> {
+    let n = points.len();
+    let count = count.min(n / 2).max(1);
+    if count == 1 {
+        return vec![0];
+    }
+    let mut along = vec![0.0];
+    for w in points.windows(2) {
+        along.push(along[along.len() - 1] + w[0].distance(w[1]));
+    }
+    let whole = along[n - 1].max(1e-300);
+    let usual = |k: usize| match PROPORTIONS.get(count - 1) {
+        Some(shares) => shares[k - 1],
+        None => k as f64 / count as f64,
+    };
+    let stray = |a: usize, b: usize| {
+        let d = (points[b] - points[a]).normalize_or_zero();
+        let off = |p: DVec3| (p - points[a]).reject_from_normalized(d).length_squared();
+        let step = ((b - a) / 16).max(1);
+        let (mut sum, mut m) = (0.0, 0);
+        for i in (a + 1..b).step_by(step) {
+            sum += off(points[i]);
+            m += 1;
+        }
+        (along[b] - along[a]) / whole * sum / f64::from(m.max(1)) / (STRAY * whole * 3.0).powi(2)
+    };
+    // best[k][i]: cheapest way to end bone k at place i.
+    let mut best = vec![vec![f64::INFINITY; n]; count + 1];
+    let mut from = vec![vec![0usize; n]; count + 1];
+    best[0][0] = 0.0;
+    for k in 1..=count {
+        let ends = if k == count { n - 1..n } else { 1..n - 1 };
+        for i in ends {
+            let place = if k == count { 0.0 } else { ((along[i] / whole - usual(k)) / USUAL).powi(2) };
+            for a in 0..i {
+                if best[k - 1][a] < f64::INFINITY {
+                    let cost = best[k - 1][a] + stray(a, i) + place;
+                    if cost < best[k][i] {
+                        best[k][i] = cost;
+                        from[k][i] = a;
+                    }
+                }
+            }
+        }
+    }
+    let mut places = Vec::new();
+    let mut at = n - 1;
+    for k in (1..=count).rev() {
+        at = from[k][at];
+        places.push(at);
+    }
+    places.reverse();
+    places
+}
