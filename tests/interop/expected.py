@@ -12,4 +12,4 @@ for path in sorted(Path(sys.argv[1]).glob("*.npz")):
         vertices = [v.ravel().tolist() for v in z[f"clip_{k}_vertices"]]
         clips.append({"times": z[f"clip_{k}_times"].tolist(), "vertices": vertices})
         k += 1
-    path.with_suffix(".json").write_text(json.dumps({"diagonal": float(z["diagonal"]), "clips": clips}))
+    path.with_suffix(".json").write_text(json.dumps({"diagonal": float(z["diagonal"]), "tolerance": float(z["tolerance"]) if "tolerance" in z.files else 1e-4, "clips": clips}))

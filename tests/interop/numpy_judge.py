@@ -11,6 +11,8 @@ TOLERANCE = 1e-4
 bad, overall, total = 0, 0.0, 0
 for path in sorted(Path(sys.argv[2]).glob("*.npz")):
     z, glb = np.load(path), Glb(path.with_suffix(".glb"))
+    if "tolerance" in z.files and z["tolerance"] > TOLERANCE:
+        continue  # morph targets, which that reader does not play
     worst, k, total = 0.0, 0, total + 1
     while f"clip_{k}_times" in z.files:
         for time, ours in zip(z[f"clip_{k}_times"], z[f"clip_{k}_vertices"]):

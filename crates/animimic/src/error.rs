@@ -23,6 +23,9 @@ pub enum Error {
     /// A body that cannot be simulated, or a surface that cannot be filled.
     #[error(transparent)]
     Sim(#[from] animimic_sim::SimError),
+    /// A surface that does not belong to its model.
+    #[error(transparent)]
+    Helpers(#[from] animimic_rig::helpers::HelperError),
     /// A file could not be read or written.
     #[error("{path}: {source}", path = .path.display())]
     Io {

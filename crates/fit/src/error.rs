@@ -9,6 +9,9 @@ pub enum FitError {
     /// The model cannot be drawn.
     #[error(transparent)]
     Render(#[from] animimic_render::RenderError),
+    /// The body cannot be simulated, or its surface cannot be filled.
+    #[error(transparent)]
+    Sim(#[from] animimic_sim::SimError),
     /// The caller asked to stop.
     #[error("stopped")]
     Stopped,

@@ -17,6 +17,7 @@ pub mod rendered;
 pub mod robust;
 mod schedule;
 pub mod smoothness;
+pub mod soft;
 pub mod solver;
 pub mod stage1;
 pub mod terms;

@@ -46,8 +46,13 @@ pub fn blob(around: usize, along: usize) -> Mesh {
         }
     }
     mesh.normals = mesh.welded.iter().map(|&w| normals[w as usize].normalize()).collect();
-    let part =
-        Part { name: "blob".into(), vertices: 0..mesh.positions.len(), triangles: 0..mesh.triangles.len(), look: 0 };
+    let part = Part {
+        name: "blob".into(),
+        vertices: 0..mesh.positions.len(),
+        triangles: 0..mesh.triangles.len(),
+        look: 0,
+        skin: None,
+    };
     mesh.parts = vec![part];
     mesh
 }

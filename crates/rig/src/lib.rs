@@ -8,6 +8,7 @@ pub mod fixtures;
 pub mod helpers;
 pub mod kinematics;
 pub mod limbs;
+pub mod morphs;
 pub mod proxy;
 pub mod pullback;
 pub mod residual;

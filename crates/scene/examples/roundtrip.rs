@@ -40,8 +40,11 @@ fn roundtrip(model: &Path, folder: &Path) -> Result<String, Box<dyn std::error::
     if motions.is_empty() {
         motions.push(swing(&asset));
     }
-    let options =
-        ExportOptions { keep_clips: false, extras: serde_json::json!({ "version": env!("CARGO_PKG_VERSION") }) };
+    let options = ExportOptions {
+        keep_clips: false,
+        extras: serde_json::json!({ "version": env!("CARGO_PKG_VERSION") }),
+        ..ExportOptions::default()
+    };
     let bytes = write_clips(&asset, &motions, &options)?;
     let words: Vec<String> =
         model.components().rev().take(2).map(|c| c.as_os_str().to_string_lossy().into_owned()).collect();

@@ -38,6 +38,8 @@ pub struct Part {
     pub triangles: std::ops::Range<usize>,
     /// Index into [`crate::Asset::looks`].
     pub look: usize,
+    /// The file's skin that moves it: parts of one skin are stored in one space. `None` for rigid parts and for rigs that are made.
+    pub skin: Option<usize>,
 }
 
 /// How a surface looks (glTF's material, mechanics' homonym avoided).

@@ -35,6 +35,6 @@ pub struct Trajectory {
 pub struct Refined {
     /// The skeleton's motion.
     pub motion: Motion,
-    /// The surface in the frames of the motion, in the vertex order of the asset's mesh.
-    pub trajectory: Trajectory,
+    /// The surface in the frames of the motion, in the vertex order of the asset's mesh; `None` where it is where the skin has it.
+    pub trajectory: Option<Trajectory>,
 }

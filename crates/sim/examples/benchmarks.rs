@@ -181,7 +181,7 @@ fn time_iteration(problem: &Problem) -> Outcome<[f64; 3]> {
     let energy = sampled(|| newton.energy(&start).map(|_| ()).map_err(|e| e.to_string()))?;
     let d_end = State { positions: end.clone(), velocities: end.clone() };
     let mut adjoint = Stepper::new(&body, &elasticity, &settings)?;
-    let backward = sampled(|| adjoint.step_vjp(&start, end, &d_end).map(|_| ()).map_err(|e| e.to_string()))?;
+    let backward = sampled(|| adjoint.step_vjp(&start, end, &[], &d_end).map(|_| ()).map_err(|e| e.to_string()))?;
     Ok([iteration[0], energy[0], backward[0]])
 }
 

@@ -32,7 +32,7 @@ const FIRST_SHIFT: f64 = 0.25;
 pub struct StepGradient {
     /// ∂L/∂(positions, velocities) at the step's start.
     pub d_start: State,
-    /// ∂L/∂ driven positions at the step's end, per driven vertex.
+    /// ∂L/∂ driven positions at the step's end, per driven vertex, then per tether's end.
     pub d_driven: Vec<DVec3>,
     /// ∂L/∂ ln E, per cluster.
     pub d_ln_youngs: Vec<f64>,
@@ -57,7 +57,7 @@ pub struct StepGradient {
 pub struct Gradient {
     /// ∂L/∂ initial positions and velocities. Initial positions of driven vertices are the start of their path.
     pub d_start: State,
-    /// ∂L/∂ driven positions at frame ends, \[frame\]\[driven\].
+    /// ∂L/∂ driven positions at frame ends, \[frame\]\[driven, tether\].
     pub d_path: Vec<Vec<DVec3>>,
     /// ∂L/∂ ln E, per cluster.
     pub d_ln_youngs: Vec<f64>,
@@ -82,9 +82,9 @@ pub struct Gradient {
 impl Gradient {
     pub(crate) fn zeros(body: &Body, elasticity: &Elasticity, frames: usize) -> Self {
         Self {
-            d_path: vec![vec![DVec3::ZERO; body.driven.len()]; frames],
+            d_path: vec![vec![DVec3::ZERO; body.driven.len() + body.tethers.len()]; frames],
             d_ln_youngs: vec![0.0; elasticity.ln_youngs.len()],
-            d_path_start: vec![DVec3::ZERO; body.driven.len()],
+            d_path_start: vec![DVec3::ZERO; body.driven.len() + body.tethers.len()],
             ..Self::default()
         }
     }
@@ -115,6 +115,11 @@ impl Gradient {
         for (&v, d) in body.driven.iter().zip(&self.d_path_start) {
             self.d_start.positions[v as usize] += *d;
         }
+        for (t, d) in body.tethers.iter().zip(&self.d_path_start[body.driven.len()..]) {
+            for (&v, b) in body.tets[t.tet as usize].iter().zip(t.barycentric) {
+                self.d_start.positions[v as usize] += *d * b;
+            }
+        }
         self.indefinite_steps.reverse();
         self.unsolved_steps.reverse();
     }
@@ -127,17 +132,25 @@ pub fn step_vjp(
     settings: &Settings,
     start: &State,
     end: &[DVec3],
+    ends: &[DVec3],
     d_end: &State,
 ) -> Result<StepGradient, SimError> {
-    Stepper::new(body, elasticity, settings)?.step_vjp(start, end, d_end)
+    Stepper::new(body, elasticity, settings)?.step_vjp(start, end, ends, d_end)
 }
 
 impl Stepper<'_> {
     /// Pulls ∂L/∂(positions, velocities) at the end of a step back to what the step depended on. `end` are the positions
-    /// that [`Stepper::step`] returned for `start`.
-    pub fn step_vjp(&mut self, start: &State, end: &[DVec3], d_end: &State) -> Result<StepGradient, SimError> {
+    /// that [`Stepper::step`] returned for `start`, `ends` those of the tethers' ends then.
+    pub fn step_vjp(
+        &mut self,
+        start: &State,
+        end: &[DVec3],
+        ends: &[DVec3],
+        d_end: &State,
+    ) -> Result<StepGradient, SimError> {
         let n = self.body.rest.len();
         check_len("positions at the step's end", end.len(), n)?;
+        check_len("ends of tethers", ends.len(), self.body.tethers.len())?;
         check_len("cotangents of positions", d_end.positions.len(), n)?;
         check_len("cotangents of velocities", d_end.velocities.len(), n)?;
         check_finite("cotangent of position", &d_end.positions)?;
@@ -161,6 +174,7 @@ impl Stepper<'_> {
         for (cluster, v) in self.elasticity.cluster.iter().zip(&c.by_ln_youngs) {
             result.d_ln_youngs[*cluster as usize] -= h * h * v;
         }
+        self.add_tethers_by_ln_youngs(&a, end, ends, h * h, &mut result.d_ln_youngs);
         result.d_poisson = -h * h * c.by_poisson;
         if self.settings.stiffness_damping > 0.0 {
             result.d_stiffness_damping = -h * h * c.by_damping / self.settings.stiffness_damping;
@@ -181,8 +195,12 @@ impl Stepper<'_> {
         for (d, f) in result.d_start.positions.iter_mut().zip(&c.by_start) {
             *d -= h * h * *f;
         }
-        let pulled = |(&v, f): (&u32, &DVec3)| b[v as usize] - h * h * *f;
+        // A tether ties the driven corners of its tet to the free ones.
+        let mut by_tethers = vec![DVec3::ZERO; n];
+        self.add_tether_forces(&a, &vec![DVec3::ZERO; self.body.tethers.len()], &mut by_tethers);
+        let pulled = |(&v, f): (&u32, &DVec3)| b[v as usize] - h * h * (*f + by_tethers[v as usize]);
         result.d_driven = self.body.driven.iter().zip(&c.on_driven).map(pulled).collect();
+        result.d_driven.extend(self.tether_ends_vjp(&a, h * h));
         Ok(result)
     }
 
@@ -280,7 +298,7 @@ mod tests {
             mesh.positions.iter().map(|_| DVec3::new(rng.normal(), rng.normal(), rng.normal())).collect()
         };
         let d_end = State { positions: random(), velocities: random() };
-        let g = stepper.step_vjp(&inputs.start, &end.positions, &d_end).expect("good input");
+        let g = stepper.step_vjp(&inputs.start, &end.positions, &[], &d_end).expect("good input");
         assert!(g.indefinite && !g.unsolved, "the column is beyond buckling");
         let fields = [&g.d_start.positions, &g.d_start.velocities, &g.d_driven];
         let fields = fields.into_iter().flatten().flat_map(|p| p.to_array());

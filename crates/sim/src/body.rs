@@ -4,6 +4,7 @@
 //! order of the free vertices, the block pattern of the Hessian and its symbolic analysis.
 
 use crate::error::{SimError, check_finite};
+use crate::tethers::{Tether, TetherBlock};
 use crate::winding::Edges;
 use animimic_math::lanes::{LANES, Lanes, Vec3x4};
 use animimic_math::sparse::{BlockPattern, Symbolic, nested_dissection};
@@ -106,6 +107,9 @@ pub struct Body {
     pub(crate) vertex_slots: Gather,
     pub(crate) block_slots: Gather,
     pub(crate) edges: Edges,
+    /// Points on springs; see [`Body::tethered`].
+    pub tethers: Vec<Tether>,
+    pub(crate) tether_blocks: Vec<TetherBlock>,
 }
 
 impl Body {
@@ -141,6 +145,8 @@ impl Body {
             vertex_slots,
             block_slots,
             edges: Edges::new(&mesh.tets),
+            tethers: Vec::new(),
+            tether_blocks: Vec::new(),
         })
     }
 

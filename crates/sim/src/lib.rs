@@ -37,6 +37,7 @@ mod sensitivity;
 mod settings;
 mod step;
 mod stepper;
+mod tethers;
 mod trajectory;
 mod winding;
 
@@ -50,4 +51,5 @@ pub use sensitivity::{GaussNewtonStep, Sensitivities, gauss_newton, sensitivitie
 pub use settings::{Predictor, Settings, State, StepReport};
 pub use step::step;
 pub use stepper::Stepper;
+pub use tethers::Tether;
 pub use trajectory::{Simulation, simulate, simulate_vjp};

@@ -74,6 +74,7 @@ impl Stepper<'_> {
         let medium = self.medium(start);
         assembly::gradient_and_product(&medium, start, &u, &mut scratch, &mut forces, &mut coupling);
         self.scratch = scratch;
+        self.add_tether_forces(start, objective.ends, &mut forces);
         let h = self.settings.step_time();
         let mut rhs = Vec::with_capacity(3 * self.body.free.len());
         for (&v, m) in self.body.free.iter().zip(&self.free_mass) {

@@ -43,7 +43,7 @@ pub fn sensitivities(
         let start = simulation.state(n, settings);
         let objective = stepper.objective(&start);
         stepper.assemble(&objective, end, Eigenvalues::True);
-        let rhs = stepper.sensitivity_rhs(&start, end, &s, &w);
+        let rhs = stepper.sensitivity_rhs(&start, end, &simulation.ends[n], &s, &w);
         let solved = stepper.solve_many(rhs);
         if solved.indefinite {
             result.indefinite_steps.push(n);
@@ -64,7 +64,14 @@ pub fn sensitivities(
 
 impl Stepper<'_> {
     /// M((1 + hα) S + h W) − h² (∂f/∂ln E_c + ∂f/∂xⁿ S) per cluster; of the internal force f only the damper knows xⁿ.
-    fn sensitivity_rhs(&mut self, start: &State, end: &[DVec3], s: &[Vec<f64>], w: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    fn sensitivity_rhs(
+        &mut self,
+        start: &State,
+        end: &[DVec3],
+        ends: &[DVec3],
+        s: &[Vec<f64>],
+        w: &[Vec<f64>],
+    ) -> Vec<Vec<f64>> {
         let h = self.settings.step_time();
         let drag = 1.0 + h * self.settings.mass_damping;
         let mut scratch = std::mem::take(&mut self.scratch);
@@ -80,6 +87,7 @@ impl Stepper<'_> {
             }
         }
         self.scratch = scratch;
+        self.add_tether_forces_by_cluster(end, ends, &mut forces);
         let rhs = |((force, s), w): ((&Vec<DVec3>, &Vec<f64>), &Vec<f64>)| {
             let entry = |(i, f): (usize, f64)| self.free_mass[i / 3] * (drag * s[i] + h * w[i]) - h * h * f;
             self.to_free(force).into_iter().enumerate().map(entry).collect()

@@ -38,6 +38,9 @@ pub struct Settings {
     pub mass_damping: f64,
     /// Rayleigh damping proportional to stiffness, in the rotated frame of the step's start [s].
     pub stiffness_damping: f64,
+    /// Whether the line search refuses to turn an upright tet inside out. Off, tets may pass through inversion where that
+    /// lowers the objective; on, a step that could only end there stops short and says so.
+    pub upright: bool,
     /// Bytes of Cholesky factors `simulate` may keep for the adjoint; 0 recomputes every one.
     pub factor_memory: usize,
 }
@@ -55,6 +58,7 @@ impl Default for Settings {
             gravity: DVec3::ZERO,
             mass_damping: 0.0,
             stiffness_damping: 0.0,
+            upright: false,
             factor_memory: 0,
         }
     }

@@ -4,12 +4,13 @@
 //! such strategies), clamped where no moderate shift is enough. Between factorisations the last factor preconditions
 //! conjugate gradients on the present Hessian while that is the cheaper way to the same direction.
 
-use crate::body::Body;
+use crate::body::{Body, signed_volume};
 use crate::elasticity::Elasticity;
 use crate::error::{SimError, check_finite, check_len};
 use crate::filter::{Eigenvalues, Filter};
 use crate::settings::{Settings, State, StepReport};
 use crate::stepper::{Assembled, Objective, Stepper};
+use crate::tethers::check_ends;
 use animimic_math::gradcheck::SplitMix64;
 use animimic_math::sparse::krylov::Ended;
 use glam::DVec3;
@@ -52,18 +53,21 @@ pub fn step(
 }
 
 impl Stepper<'_> {
-    /// One step of length frame_time / substeps from `start`; `driven` are the driven vertices' positions [m] at its end.
+    /// One step of length frame_time / substeps from `start`; `driven` are the driven vertices' positions [m] at its end,
+    /// then those of the tethers' ends.
     ///
     /// Not reaching the tolerance is not an error but is in the report.
     pub fn step(&mut self, start: &State, driven: &[DVec3]) -> Result<(State, StepReport), SimError> {
         let n = self.body.rest.len();
         check_len("positions", start.positions.len(), n)?;
         check_len("velocities", start.velocities.len(), n)?;
-        check_len("driven positions", driven.len(), self.body.driven.len())?;
+        check_len("driven positions", driven.len(), self.body.driven.len() + self.body.tethers.len())?;
         check_finite("position", &start.positions)?;
         check_finite("velocity", &start.velocities)?;
         check_finite("driven position", driven)?;
-        let objective = self.objective(start);
+        let (driven, ends) = driven.split_at(self.body.driven.len());
+        check_ends(ends)?;
+        let objective = Objective { ends, ..self.objective(start) };
         let mut report = StepReport::default();
         let (mut y, first) = self.first_guess(&objective, driven, &mut report);
         self.minimise(&objective, &mut y, first, &mut report);
@@ -95,7 +99,11 @@ impl Stepper<'_> {
                 return;
             }
             if speed < self.settings.tolerance {
-                self.add_free(y, 1.0, &dx);
+                let mut last = y.clone();
+                self.add_free(&mut last, 1.0, &dx);
+                if self.keeps_upright(y, &last) {
+                    *y = last;
+                }
                 report.converged = true;
                 report.saddle = eigenvalues == Eigenvalues::True && self.is_indefinite(hessian);
                 if !report.saddle || report.saddle_escapes == MAX_ESCAPES || self.settings.filter == Filter::None {
@@ -188,7 +196,7 @@ impl Stepper<'_> {
         // The full step is nearly always taken: assemble there at once instead of asking for the energy first.
         let full = moved(self, 1.0);
         let next = self.assemble(objective, &full, eigenvalues);
-        if enough(next.value, 1.0) {
+        if enough(next.value, 1.0) && self.keeps_upright(y, &full) {
             *y = full;
             return Some(next);
         }
@@ -197,12 +205,18 @@ impl Stepper<'_> {
             a *= 0.5;
             report.line_search_cuts += 1;
             let trial = moved(self, a);
-            if enough(self.value(objective, &trial), a) {
+            if self.keeps_upright(y, &trial) && enough(self.value(objective, &trial), a) {
                 *y = trial;
                 return Some(self.assemble(objective, y, eigenvalues));
             }
         }
         None
+    }
+
+    /// Whether no tet that is upright at `from` is inverted or flat at `to`, as far as the settings ask.
+    fn keeps_upright(&self, from: &[DVec3], to: &[DVec3]) -> bool {
+        let falls = |t: &[u32; 4]| signed_volume(to, t) <= 0.0 && signed_volume(from, t) > 0.0;
+        !self.settings.upright || !self.body.tets.iter().any(falls)
     }
 
     /// Whether A is known or found to be indefinite. An iterative direction cannot tell by itself: what it solves for may have

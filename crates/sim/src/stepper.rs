@@ -26,6 +26,8 @@ pub struct Stepper<'a> {
     pub(crate) mass: Vec<f64>,
     /// Mass of the free vertices in elimination order [kg].
     pub(crate) free_mass: Vec<f64>,
+    /// Spring constants of the tethers [N/m].
+    pub(crate) tether_stiffness: Vec<f64>,
     pub(crate) scratch: Scratch,
     /// M + hαM + h²∂²Ψ (+ damper) at the last assembled point.
     pub(crate) matrix: BlockMatrix,
@@ -45,6 +47,8 @@ pub(crate) struct Objective<'s> {
     pub start: &'s State,
     /// x̃, per vertex.
     pub target: Vec<DVec3>,
+    /// Ends of the tethers; empty where only the Hessian is asked for.
+    pub ends: &'s [DVec3],
 }
 
 /// Value and gradient at a point; the Hessian is in the stepper's matrix.
@@ -68,6 +72,11 @@ impl<'a> Stepper<'a> {
         Ok(Self {
             lame: per_tet(elasticity.unit_lame()),
             lame_by_poisson: per_tet(elasticity.unit_lame_by_poisson()),
+            tether_stiffness: body
+                .tethers
+                .iter()
+                .map(|t| t.stiffness * elasticity.ln_youngs[elasticity.cluster[t.tet as usize] as usize].exp())
+                .collect(),
             free_mass: body.free.iter().map(|&v| mass[v as usize]).collect(),
             mass,
             scratch: Scratch::default(),
@@ -97,7 +106,11 @@ impl<'a> Stepper<'a> {
     pub(crate) fn objective<'s>(&self, start: &'s State) -> Objective<'s> {
         let h = self.settings.step_time();
         let pairs = start.positions.iter().zip(&start.velocities);
-        Objective { target: pairs.map(|(x, v)| *x + h * *v + h * h * self.settings.gravity).collect(), start }
+        Objective {
+            target: pairs.map(|(x, v)| *x + h * *v + h * h * self.settings.gravity).collect(),
+            start,
+            ends: &[],
+        }
     }
 
     /// Entries of a vertex field on the free vertices, in elimination order.
@@ -132,7 +145,7 @@ impl<'a> Stepper<'a> {
         let mut scratch = std::mem::take(&mut self.scratch);
         let psi = assembly::energy(&self.medium(&objective.start.positions), y, &mut scratch);
         self.scratch = scratch;
-        self.inertia(objective, y).0 + h * h * psi
+        self.inertia(objective, y).0 + h * h * (psi + self.tether_energy(y, objective.ends))
     }
 
     /// Objective, gradient, and Hessian into `self.matrix`.
@@ -142,6 +155,7 @@ impl<'a> Stepper<'a> {
         let mut forces = vec![DVec3::ZERO; y.len()];
         let medium = self.medium(&objective.start.positions);
         let psi = assembly::hessian(&medium, y, filter, h * h, &mut scratch, &mut forces, &mut matrix);
+        self.add_tether_forces(y, objective.ends, &mut forces);
         let drag = 1.0 + h * self.settings.mass_damping;
         for (p, m) in self.free_mass.iter().enumerate() {
             let diagonal = &mut matrix.blocks[matrix.pattern.column_start[p] as usize];
@@ -150,7 +164,8 @@ impl<'a> Stepper<'a> {
         let (inertia, mut gradient) = self.inertia(objective, y);
         gradient.iter_mut().zip(self.to_free(&forces)).for_each(|(g, f)| *g += h * h * f);
         (self.scratch, self.matrix) = (scratch, matrix);
-        Assembled { value: inertia + h * h * psi, gradient }
+        self.add_tether_blocks(h * h);
+        Assembled { value: inertia + h * h * (psi + self.tether_energy(y, objective.ends)), gradient }
     }
 
     /// Factors the assembled matrix, plus `shift` × mass. False where it is not positive definite.

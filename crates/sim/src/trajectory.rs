@@ -17,6 +17,8 @@ pub struct Simulation {
     pub start: State,
     /// Positions [m] after every step (substeps included), \[step\]\[vertex\].
     pub steps: Vec<Vec<DVec3>>,
+    /// Ends of the tethers [m] at every step, \[step\]\[tether\].
+    pub ends: Vec<Vec<DVec3>>,
     /// Steps per frame.
     pub substeps: usize,
     /// One report per step.
@@ -75,7 +77,8 @@ pub(crate) fn substep_path(from: &[DVec3], to: &[DVec3], substeps: usize) -> Vec
     (1..=substeps).map(at).collect()
 }
 
-/// Simulates one frame per entry of `path`: the driven vertices' positions [m] at each frame's end, \[frame\]\[driven\].
+/// Simulates one frame per entry of `path`: the driven vertices' positions [m] at each frame's end, then those of the
+/// tethers' ends, \[frame\]\[driven, tether\].
 pub fn simulate(
     body: &Body,
     elasticity: &Elasticity,
@@ -87,6 +90,7 @@ pub fn simulate(
     let mut result = Simulation {
         start: start.clone(),
         steps: vec![],
+        ends: vec![],
         substeps: settings.substeps,
         reports: vec![],
         factors: vec![],
@@ -94,13 +98,15 @@ pub fn simulate(
     check_len("positions", start.positions.len(), body.rest.len())?;
     let mut state = start.clone();
     let mut driven: Vec<DVec3> = body.driven.iter().map(|&v| start.positions[v as usize]).collect();
+    driven.extend(body.tethered_points(&start.positions));
     let mut memory = settings.factor_memory;
     for frame in path {
-        check_len("driven positions", frame.len(), body.driven.len())?;
+        check_len("driven positions", frame.len(), body.driven.len() + body.tethers.len())?;
         for target in substep_path(&driven, frame, settings.substeps) {
             let (next, report) = stepper.step(&state, &target)?;
             result.keep(stepper.factor.clone(), &mut memory);
             result.steps.push(next.positions.clone());
+            result.ends.push(target[body.driven.len()..].to_vec());
             result.reports.push(report);
             state = next;
         }
@@ -136,7 +142,7 @@ pub fn simulate_vjp(
             stepper.factor = Some(kept.clone());
             stepper.factor_is_near = true;
         }
-        let part = stepper.step_vjp(&before, &simulation.steps[step], &d_next)?;
+        let part = stepper.step_vjp(&before, &simulation.steps[step], &simulation.ends[step], &d_next)?;
         total.add_step(&part, step, substeps);
         d_next = part.d_start;
     }

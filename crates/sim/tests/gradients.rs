@@ -4,7 +4,7 @@
 use animimic_math::gradcheck::{SplitMix64, gradient_error};
 use animimic_sim::fixtures::beam;
 use animimic_sim::{
-    Body, Elasticity, Gradient, Model, Sensitivities, Settings, Simulation, State, sensitivities, simulate,
+    Body, Elasticity, Gradient, Model, Sensitivities, Settings, Simulation, State, Tether, sensitivities, simulate,
     simulate_vjp,
 };
 use glam::{DMat3, DVec3};
@@ -32,7 +32,7 @@ fn random(rng: &mut SplitMix64) -> DVec3 {
     DVec3::new(rng.normal(), rng.normal(), rng.normal())
 }
 
-/// A small beam held at x = 0 whose start is mapped by `f`; moduli, velocities, path and loss are random.
+/// A small beam held at x = 0 and, on two springs, inside, whose start is mapped by `f`; moduli, velocities, path and loss are random.
 fn case(model: Model, f: DMat3, damped: bool) -> Case {
     let mesh = beam([3, 1, 1], [0.9, 0.3, 0.3]);
     let driven = [0u32, 1, 2, 3];
@@ -42,7 +42,11 @@ fn case(model: Model, f: DMat3, damped: bool) -> Case {
     let elasticity = Elasticity { model, cluster, ln_youngs, poisson: 0.3, density: 900.0 };
     let positions: Vec<DVec3> = mesh.positions.iter().map(|p| f * *p + 0.004 * random(&mut rng)).collect();
     let velocities = mesh.positions.iter().map(|_| 0.3 * random(&mut rng)).collect();
-    let held: Vec<DVec3> = driven.iter().map(|&v| positions[v as usize]).collect();
+    let tether = |tet, barycentric| Tether { tet, barycentric, stiffness: 0.2 };
+    let tethers = vec![tether(0, [0.1, 0.2, 0.3, 0.4]), tether(mesh.tets.len() as u32 - 2, [0.4, 0.1, 0.3, 0.2])];
+    let body = Body::new(&mesh, &driven).expect("a good mesh").tethered(tethers).expect("good tethers");
+    let mut held: Vec<DVec3> = driven.iter().map(|&v| positions[v as usize]).collect();
+    held.extend(body.tethered_points(&positions));
     let path =
         (0..FRAMES).map(|n| held.iter().map(|p| *p + 0.01 * (n + 1) as f64 * random(&mut rng)).collect()).collect();
     let mut settings = Settings { frame_time: 0.02, substeps: 2, tolerance: 1e-11, ..Settings::default() };
@@ -52,7 +56,6 @@ fn case(model: Model, f: DMat3, damped: bool) -> Case {
         settings.stiffness_damping = 0.1;
     }
     let weights = (0..FRAMES).map(|_| mesh.positions.iter().map(|_| random(&mut rng)).collect()).collect();
-    let body = Body::new(&mesh, &driven).expect("a good mesh");
     Case { body, inputs: Inputs { elasticity, settings, start: State { positions, velocities }, path }, weights }
 }
 

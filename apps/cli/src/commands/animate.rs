@@ -1,6 +1,7 @@
 use super::fitting::Fitting;
 use crate::Common;
-use std::path::PathBuf;
+use animimic::{Job, Physics, Progress};
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Animate {
@@ -12,12 +13,19 @@ pub struct Animate {
     /// Folder for the results; made if absent
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
+    /// How motion beyond the skeleton is delivered (see `animimic list physics`)
+    #[arg(long, value_name = "NAME", default_value_t = Physics::default())]
+    physics: Physics,
     #[command(flatten)]
     fitting: Fitting,
 }
 
 impl Animate {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
-        self.fitting.run(&self.model, &self.videos, &self.out, common, animimic::animate, |folder| folder.join("report.html"))
+        let work = |job: &Job, progress: &mut Progress| {
+            animimic::animate(&Job { physics: self.physics, ..job.clone() }, progress)
+        };
+        let made = |folder: &Path| folder.join("report.html");
+        self.fitting.run(&self.model, &self.videos, &self.out, common, work, made)
     }
 }

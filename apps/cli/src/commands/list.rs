@@ -22,6 +22,8 @@ enum Kind {
     Riggers,
     /// Constitutive models of soft tissue
     Models,
+    /// Ways to deliver motion that goes beyond the skeleton
+    Physics,
 }
 
 impl List {
@@ -43,6 +45,9 @@ impl List {
             }
             Kind::Presets => {
                 animimic::Preset::ALL.iter().map(|p| (p.name().to_owned(), p.summary().to_owned())).collect()
+            }
+            Kind::Physics => {
+                animimic::physics::ENCODINGS.iter().map(|e| (e.name().to_owned(), e.summary().to_owned())).collect()
             }
             Kind::Riggers => {
                 animimic::RIGGERS.iter().map(|r| (r.name().to_owned(), r.summary().to_owned())).collect()

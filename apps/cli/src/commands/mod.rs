@@ -44,6 +44,6 @@ commands! {
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
-    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models
+    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models, physics
     list::List,
 }

@@ -5,8 +5,9 @@ use super::sheet::Stage;
 use super::{Clock, Job, Report, Take};
 use crate::Error;
 use crate::event::{Event, Progress, tell};
-use animimic_scene::io::gltf::{ExportOptions, save_clips};
-use animimic_scene::{Asset, Image, Motion, io};
+use crate::physics::{self, Delivery, Physics};
+use animimic_scene::io::gltf::ExportOptions;
+use animimic_scene::{Asset, Image, Refined, io};
 use animimic_video::{write_mp4, write_png};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -47,7 +48,7 @@ pub fn write(
     let folder = &job.out;
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     tell(progress, Event::Stage { name: "writing" })?;
-    glb(&folder.join("animated.glb"), asset, takes, report, clock)?;
+    glb(&folder.join("animated.glb"), job.physics, asset, takes, report, clock)?;
     let mut shown = Vec::new();
     for take in takes {
         let names = Names::new(folder, (takes.len() > 1).then_some(take.name.as_str()));
@@ -62,14 +63,25 @@ pub fn write(
     Ok(())
 }
 
-/// Writes the model with a clip per take; what made it travels in the file.
-pub fn glb(path: &Path, asset: &Asset, takes: &[Take], report: &Report, clock: &mut Clock) -> Result<(), Error> {
-    clock.time("export", || {
-        let motions: Vec<Motion> = takes.iter().map(|t| t.motion.clone()).collect();
+/// Writes the model with a clip per take, and what goes with it; what made it travels in the file, and what it lost in the report.
+pub fn glb(
+    path: &Path,
+    physics: Physics,
+    asset: &Asset,
+    takes: &[Take],
+    report: &mut Report,
+    clock: &mut Clock,
+) -> Result<(), Error> {
+    let delivered = clock.time("export", || {
+        let clip = |t: &Take| Refined { motion: t.motion.clone(), trajectory: t.trajectory.clone() };
+        let clips: Vec<Refined> = takes.iter().map(clip).collect();
         let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
         let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
-        Ok(save_clips(path, asset, &motions, &ExportOptions { extras, ..Default::default() })?)
-    })
+        let options = ExportOptions { extras, ..Default::default() };
+        physics::deliver(physics, &Delivery { asset, clips: &clips, glb: path, options })
+    })?;
+    report.physics = delivered.to_json();
+    Ok(())
 }
 
 fn pictures(asset: &Asset, take: &Take, names: &Names, progress: &mut Progress) -> Result<Shown, Error> {

@@ -16,7 +16,7 @@ pub fn fit(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     }
     let (asset, takes, mut report) = solve(job, &mut clock, progress)?;
     tell(progress, Event::Stage { name: "writing" })?;
-    deliver::glb(&job.out, &asset, &takes, &report, &mut clock)?;
+    deliver::glb(&job.out, job.physics, &asset, &takes, &mut report, &mut clock)?;
     report.timings = clock.to_json();
     Ok(report)
 }

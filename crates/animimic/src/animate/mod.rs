@@ -25,7 +25,7 @@ use crate::event::{Event, Progress, tell};
 use crate::{Against, Error, evaluate, rigging};
 use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
-use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
+use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -39,6 +39,8 @@ pub(crate) struct Take {
     pub mask_confidence: Vec<f32>,
     pub camera: CameraFile,
     pub motion: Motion,
+    /// Where the surface goes beyond the skin; `None` where it does not.
+    pub trajectory: Option<Trajectory>,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
     pub certainty: Vec<Certainty>,
@@ -181,6 +183,7 @@ fn take(
         mask_confidence: found.mask_confidence,
         camera,
         motion: solved.motion,
+        trajectory: None,
         losses: solved.losses,
         uncertain: solved.uncertain,
         certainty: solved.certainty,

@@ -1,8 +1,8 @@
 //! What `animate` is asked to do.
 
-use crate::Error;
 use crate::camera::CameraChoice;
 use crate::rigging::RigChoice;
+use crate::{Error, Physics};
 use animimic_fit::Preset;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,8 @@ pub struct Job {
     pub depth: Vec<PathBuf>,
     /// How the motion is found.
     pub preset: Preset,
+    /// How motion that goes beyond the skeleton is delivered.
+    pub physics: Physics,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -57,6 +59,7 @@ impl Job {
             tracks: Vec::new(),
             depth: Vec::new(),
             preset: Preset::Default,
+            physics: Physics::default(),
             seed: 0,
         }
     }

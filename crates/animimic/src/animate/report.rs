@@ -1,7 +1,7 @@
 //! What a run says about itself: `report.json`.
 
 use super::{Job, PartCertainty, Take, certainty};
-use crate::Evaluation;
+use crate::{Evaluation, Physics};
 use animimic_scene::{Asset, Mask, Skeleton};
 use serde::Serialize;
 use serde_json::Value;
@@ -21,6 +21,8 @@ pub struct Report {
     pub size: Value,
     /// One entry per video.
     pub clips: Vec<ClipReport>,
+    /// How motion beyond the skeleton was delivered, and what that lost.
+    pub physics: Value,
     /// What the readers had to mend or ignore.
     pub warnings: Vec<String>,
     /// Wall time of each stage [s]: the only part that differs between equal runs.
@@ -74,11 +76,14 @@ const DOUBTFUL_MASK: f32 = 0.5;
 
 impl Report {
     pub(super) fn new(job: &Job, asset: &Asset, rig: String, clips: Vec<ClipReport>) -> Self {
-        let options = serde_json::json!({
+        let mut options = serde_json::json!({
             "camera": job.camera.to_string(), "height_px": job.height_px, "seed": job.seed,
             "preset": job.preset.name(),
             "frames": job.frames.as_ref().map(|f| [f.start, f.end]),
         });
+        if job.physics != Physics::default() {
+            options["physics"] = job.physics.name().into();
+        }
         let mesh = &asset.mesh;
         let size = serde_json::json!({
             "vertices": mesh.positions.len(), "welded_vertices": mesh.welded_count, "triangles": mesh.triangles.len(),
@@ -92,6 +97,7 @@ impl Report {
             rig,
             size,
             clips,
+            physics: Value::Null,
             warnings: asset.warnings.clone(),
             timings: Value::Null,
         }

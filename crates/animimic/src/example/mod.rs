@@ -52,6 +52,7 @@ pub fn creature() -> Example {
         vertices: 0..mesh.positions.len(),
         triangles: 0..mesh.triangles.len(),
         look: 0,
+        skin: None,
     }];
     let look = Look { name: "skin".into(), texture: Some(texture), roughness: 0.9, ..Look::default() };
     let skin = blend::skin(&skeleton, &mesh.positions, &source_vertex, &weights);

@@ -33,20 +33,45 @@ impl Metric for SelfIntersections {
 
 /// Number of pairs of faces that cross when the mesh's vertices stand at `positions`.
 pub fn intersecting_pairs(mesh: &Mesh, positions: &[DVec3]) -> usize {
+    let mut count = 0;
+    each_crossing(mesh, positions, |_, _| count += 1);
+    count
+}
+
+/// Pairs of triangles that cross when the mesh's vertices stand at `positions`, the lower index first, ascending.
+pub fn crossing_triangles(mesh: &Mesh, positions: &[DVec3]) -> Vec<[u32; 2]> {
+    let mut pairs = Vec::new();
+    each_crossing(mesh, positions, |a, b| pairs.push([a.min(b), a.max(b)]));
+    pairs.sort_unstable();
+    pairs
+}
+
+fn each_crossing(mesh: &Mesh, positions: &[DVec3], mut found: impl FnMut(u32, u32)) {
     let faces: Vec<Face> = mesh
         .triangles
         .iter()
-        .map(|t| Face { corner: t.map(|i| positions[i as usize]), welded: t.map(|i| mesh.welded[i as usize]) })
+        .enumerate()
+        .map(|(k, t)| Face {
+            triangle: k as u32,
+            corner: t.map(|i| positions[i as usize]),
+            welded: t.map(|i| mesh.welded[i as usize]),
+        })
         .filter(|f| f.welded[0] != f.welded[1] && f.welded[1] != f.welded[2] && f.welded[0] != f.welded[2])
         .collect();
     if faces.is_empty() {
-        return 0;
+        return;
     }
     let mut order: Vec<u32> = (0..faces.len() as u32).collect();
     let mut nodes = Vec::new();
     build(&faces, &mut order, 0, &mut nodes);
     // A stack of node pairs instead of recursion: each unordered pair of leaves is visited once.
-    let (mut stack, mut count) = (vec![(0u32, 0u32)], 0);
+    let mut stack = vec![(0u32, 0u32)];
+    let mut test = |p: u32, q: u32| {
+        let (a, b) = (&faces[p as usize], &faces[q as usize]);
+        if cross(a, b) {
+            found(a.triangle, b.triangle);
+        }
+    };
     while let Some((i, j)) = stack.pop() {
         let (a, b) = (&nodes[i as usize], &nodes[j as usize]);
         if i != j && !overlap(a, b) {
@@ -58,8 +83,7 @@ pub fn intersecting_pairs(mesh: &Mesh, positions: &[DVec3]) -> usize {
                 None => {
                     let own = &order[a.first..a.first + a.count];
                     for (k, &p) in own.iter().enumerate() {
-                        count +=
-                            own[k + 1..].iter().filter(|&&q| cross(&faces[p as usize], &faces[q as usize])).count();
+                        own[k + 1..].iter().for_each(|&q| test(p, q));
                     }
                 }
             },
@@ -67,18 +91,15 @@ pub fn intersecting_pairs(mesh: &Mesh, positions: &[DVec3]) -> usize {
             (_, Some([l, r])) => stack.extend([(i, l), (i, r)]),
             _ => {
                 for &p in &order[a.first..a.first + a.count] {
-                    count += order[b.first..b.first + b.count]
-                        .iter()
-                        .filter(|&&q| cross(&faces[p as usize], &faces[q as usize]))
-                        .count();
+                    order[b.first..b.first + b.count].iter().for_each(|&q| test(p, q));
                 }
             }
         }
     }
-    count
 }
 
 struct Face {
+    triangle: u32,
     corner: [DVec3; 3],
     welded: [u32; 3],
 }
@@ -201,7 +222,7 @@ mod tests {
         }
         mesh.welded = (0..900).collect();
         mesh.welded_count = 900;
-        let face = |t: &[u32; 3]| Face { corner: t.map(|i| mesh.positions[i as usize]), welded: *t };
+        let face = |t: &[u32; 3]| Face { triangle: 0, corner: t.map(|i| mesh.positions[i as usize]), welded: *t };
         let mut all = 0;
         for (i, a) in mesh.triangles.iter().enumerate() {
             all += mesh.triangles[i + 1..].iter().filter(|b| cross(&face(a), &face(b))).count();

@@ -7,7 +7,7 @@ use super::INFLUENCES;
 use super::problem::{Helper, Point, Problem, State};
 use super::weights;
 use animimic_scene::{Joint, Mesh, Motion, Refined, Rig, Slot, Transform};
-use glam::{DAffine3, DMat3};
+use glam::DMat3;
 use rayon::prelude::*;
 
 /// Keys are translations, rotations and scales: a parent that would need more, relative to their size, is passed over for its own parent.
@@ -42,13 +42,13 @@ pub fn attach(
         let parent = parent(problem, rig, helper, largest(&overlap[h]));
         let joint = out.skeleton.joints.len();
         let name = format!("helper_{}", number + 1);
-        out.skeleton.joints.push(Joint { name, parent, rest: Transform::IDENTITY, node: None });
+        out.skeleton.joints.push(Joint { name, parent: Some(parent), rest: Transform::IDENTITY, node: None });
         for (motion, range) in motions.iter_mut().zip(&problem.clips) {
             for (pose, f) in motion.poses.iter_mut().zip(range.clone()) {
                 pose.locals.push(key(problem, helper, parent, f).0);
             }
         }
-        let inverse_rest = parent.map_or(DAffine3::IDENTITY, |q| problem.world[0][q].inverse());
+        let inverse_rest = problem.world[0][parent].inverse();
         for g in 0..groups {
             let Some(rest) = helper.rest[g] else { continue };
             slot_of[h][g] = out.skin.slots.len() as u32;
@@ -118,22 +118,26 @@ fn overlaps(problem: &Problem, points: &[Option<Point>], helpers: usize) -> Vec<
     out
 }
 
-/// `joint`, or its nearest ancestor under which all keys are translations, rotations and scales.
-fn parent(problem: &Problem, rig: &Rig, helper: &Helper, joint: usize) -> Option<usize> {
-    let mut at = Some(joint);
-    while at.is_some() {
-        let shear = (1..problem.targets.len()).map(|f| key(problem, helper, at, f).1).fold(0.0, f64::max);
-        if shear <= SHEAR {
-            break;
+/// `joint`, or its nearest ancestor under which all keys are translations, rotations and scales; where there is none, the one that comes nearest.
+fn parent(problem: &Problem, rig: &Rig, helper: &Helper, joint: usize) -> usize {
+    let up = |j: &usize| rig.skeleton.joints[*j].parent;
+    let shear = |j: usize| (1..problem.targets.len()).map(|f| key(problem, helper, j, f).1).fold(0.0, f64::max);
+    let mut best = (f64::MAX, joint);
+    for j in std::iter::successors(Some(joint), up) {
+        let left = shear(j);
+        if left <= SHEAR {
+            return j;
         }
-        at = at.and_then(|j| rig.skeleton.joints[j].parent);
+        if left < best.0 {
+            best = (left, j);
+        }
     }
-    at
+    best.1
 }
 
 /// The helper's local transform in a frame, and what that leaves out relative to its size.
-fn key(problem: &Problem, helper: &Helper, parent: Option<usize>, frame: usize) -> (Transform, f64) {
-    let world = |f: usize| parent.map_or(DAffine3::IDENTITY, |q| problem.world[f][q]);
+fn key(problem: &Problem, helper: &Helper, parent: usize, frame: usize) -> (Transform, f64) {
+    let world = |f: usize| problem.world[f][parent];
     let local = world(frame).inverse() * helper.moved[frame] * helper.moved[0].inverse() * world(0);
     let size = |m: DMat3| m.to_cols_array().iter().fold(0.0f64, |s, x| s.max(x.abs()));
     let mut trs = Transform::from_affine(local);

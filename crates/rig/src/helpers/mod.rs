@@ -22,8 +22,10 @@ mod transforms;
 mod weights;
 
 use crate::residual::Residual;
-use animimic_scene::{Mesh, Motion, Refined, Rig};
+use animimic_scene::{Mesh, Motion, Pose, Refined, Rig, Trajectory};
 use problem::{Helper, Problem, State};
+use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Influences per vertex that every importer reads.
 pub const INFLUENCES: usize = 4;
@@ -98,20 +100,38 @@ pub enum HelperError {
 pub fn fit(rig: &Rig, mesh: &Mesh, clips: &[Refined], settings: &Settings) -> Result<Helped, HelperError> {
     clips.iter().try_for_each(|c| check(rig, mesh, c))?;
     let diagonal = mesh.diagonal();
-    let skinned = Residual::of_clips(rig, diagonal, clips.iter().map(|c| (&c.motion, &c.trajectory)));
+    if clips.iter().all(|c| c.trajectory.is_none()) {
+        return Ok(unhelped(rig, clips, Residual::default()));
+    }
+    let surfaces: Vec<Cow<Trajectory>> = clips.iter().map(|c| surface(rig, c)).collect();
+    let skinned = Residual::of_clips(rig, diagonal, clips.iter().map(|c| &c.motion).zip(surfaces.iter().map(|s| &**s)));
     let most = settings.most.min(LADDER[LADDER.len() - 1]);
-    let problem = Problem::new(rig, mesh, clips, NEGLIGIBLE * diagonal);
+    let problem = Problem::new(rig, mesh, clips, &surfaces, NEGLIGIBLE * diagonal);
     let (helpers, state) = grow(&problem, most, settings.goal * diagonal);
     if helpers.is_empty() {
-        let motions = clips.iter().map(|c| c.motion.clone()).collect();
-        return Ok(Helped { rig: rig.clone(), motions, helpers: 0, skinned, residual: skinned, rest: 0.0 });
+        return Ok(unhelped(rig, clips, skinned));
     }
     let (rig, motions) = joints::attach(&problem, &helpers, &state, rig, mesh, clips);
-    let residual = Residual::of_clips(&rig, diagonal, motions.iter().zip(clips.iter().map(|c| &c.trajectory)));
+    let residual = Residual::of_clips(&rig, diagonal, motions.iter().zip(surfaces.iter().map(|s| &**s)));
     let shown = rig.skinned(&rig.skeleton.world_from_joint(&rig.skeleton.rest_locals()));
     let farthest = shown.iter().zip(&mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
     let helpers = rig.skeleton.joints.len() - problem.joints;
     Ok(Helped { rig, motions, helpers, skinned, residual, rest: farthest / diagonal })
+}
+
+fn unhelped(rig: &Rig, clips: &[Refined], skinned: Residual) -> Helped {
+    let motions = clips.iter().map(|c| c.motion.clone()).collect();
+    Helped { rig: rig.clone(), motions, helpers: 0, skinned, residual: skinned, rest: 0.0 }
+}
+
+/// Where a clip's surface is: its trajectory, or where the skin has it.
+pub fn surface<'a>(rig: &Rig, clip: &'a Refined) -> Cow<'a, Trajectory> {
+    if let Some(trajectory) = &clip.trajectory {
+        return Cow::Borrowed(trajectory);
+    }
+    let posed = |p: &Pose| rig.skinned(&rig.skeleton.world_from_joint(&p.locals));
+    let frames = clip.motion.poses.par_iter().map(posed).collect();
+    Cow::Owned(Trajectory { fps: clip.motion.fps, frames })
 }
 
 /// Adds helpers until the goal is met or there are as many as may be.
@@ -146,16 +166,17 @@ fn grow(problem: &Problem, most: usize, goal: f64) -> (Vec<Helper>, State) {
     (helpers, state)
 }
 
-fn check(rig: &Rig, mesh: &Mesh, clip: &Refined) -> Result<(), HelperError> {
-    let (poses, frames) = (&clip.motion.poses, &clip.trajectory.frames);
+pub(crate) fn check(rig: &Rig, mesh: &Mesh, clip: &Refined) -> Result<(), HelperError> {
+    let poses = &clip.motion.poses;
     let joints = rig.skeleton.joints.len();
-    let what = if poses.len() != frames.len() {
-        format!("{} poses and {} frames of vertices", poses.len(), frames.len())
-    } else if let Some(p) = poses.iter().find(|p| p.locals.len() != joints) {
+    let frames = clip.trajectory.as_ref().map(|t| &t.frames);
+    let what = if let Some(p) = poses.iter().find(|p| p.locals.len() != joints) {
         format!("a pose of {} joints for a skeleton of {joints}", p.locals.len())
-    } else if let Some(f) = frames.iter().find(|f| f.len() != mesh.positions.len()) {
+    } else if let Some(f) = frames.filter(|f| f.len() != poses.len()) {
+        format!("{} poses and {} frames of vertices", poses.len(), f.len())
+    } else if let Some(f) = frames.into_iter().flatten().find(|f| f.len() != mesh.positions.len()) {
         format!("a frame of {} vertices for a mesh of {}", f.len(), mesh.positions.len())
-    } else if let Some(k) = frames.iter().position(|f| f.iter().any(|p| !p.is_finite())) {
+    } else if let Some(k) = frames.and_then(|all| all.iter().position(|f| f.iter().any(|p| !p.is_finite()))) {
         format!("frame {k} is not finite")
     } else {
         return Ok(());

@@ -2,9 +2,10 @@
 
 use super::INFLUENCES;
 use super::spaces::Spaces;
-use animimic_scene::{Influence, Mesh, Refined, Rig};
+use animimic_scene::{Influence, Mesh, Refined, Rig, Trajectory};
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// What the displayed rest counts, as a share of all frames of clips together.
@@ -86,14 +87,20 @@ pub struct Errors {
 
 impl<'a> Problem<'a> {
     /// Gathers what is given; vertices that come within `negligible` [model unit] of all targets are not active.
-    pub fn new(rig: &'a Rig, mesh: &'a Mesh, clips: &'a [Refined], negligible: f64) -> Self {
+    pub fn new(
+        rig: &'a Rig,
+        mesh: &'a Mesh,
+        clips: &[Refined],
+        surfaces: &'a [Cow<'a, Trajectory>],
+        negligible: f64,
+    ) -> Self {
         let rest = rig.skeleton.rest_locals();
         let poses = std::iter::once(&rest).chain(clips.iter().flat_map(|c| c.motion.poses.iter().map(|p| &p.locals)));
         let world: Vec<Vec<DAffine3>> = poses.map(|locals| rig.skeleton.world_from_joint(locals)).collect();
         let slots = &rig.skin.slots;
         let maps = world.iter().map(|w| slots.iter().map(|s| w[s.joint] * s.inverse_bind).collect()).collect();
         let targets: Vec<&[DVec3]> = std::iter::once(&mesh.positions)
-            .chain(clips.iter().flat_map(|c| &c.trajectory.frames))
+            .chain(surfaces.iter().flat_map(|s| &s.frames))
             .map(Vec::as_slice)
             .collect();
         let frames = targets.len() as f64 - 1.0;

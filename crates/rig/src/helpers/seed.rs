@@ -21,10 +21,9 @@ pub fn seeds(problem: &Problem, state: &State, helpers: &[Helper], count: usize)
         let near = nearest(problem, state, worst, size);
         let points: Vec<_> = near.iter().map(|&(w, k)| (w, &state.points[k])).collect();
         let joint = main_joint(problem, &points);
-        let groups = problem.spaces.shared.len();
         let mut helper = Helper {
             joint,
-            rest: (0..groups).map(|g| problem.spaces.map(joint, g)).collect(),
+            rest: problem.spaces.maps(joint, state.points[worst].group),
             moved: vec![DAffine3::IDENTITY; problem.targets.len()],
             centre: problem.rest[state.points[worst].vertex],
             spread: 0.0,

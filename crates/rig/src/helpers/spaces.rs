@@ -1,6 +1,6 @@
 //! Which vertex buffers share a space, and where a helper's rest is in each.
 //!
-//! Slots that occur in one part (or in parts of one node) belong to one skin: their vertices are stored in one space. Where all slots of such a
+//! Slots that occur in one part, or in parts of one skin, have their vertices stored in one space. Where all slots of such a
 //! group have the same map to the displayed rest, that map is the way from the buffer to the rest for any joint. Where they differ (the
 //! displayed rest is a pose of its own) only a slot of the helper's own joint says where the helper's points are.
 
@@ -20,6 +20,10 @@ pub struct Spaces {
     rest: Vec<DAffine3>,
     /// Joint \[slot\].
     joints: Vec<usize>,
+    /// What translations are compared with [model unit].
+    size: f64,
+    /// The root above each joint: joints of one skin need a common one.
+    roots: Vec<usize>,
 }
 
 impl Spaces {
@@ -29,10 +33,10 @@ impl Spaces {
         let slots = &rig.skin.slots;
         let rest: Vec<DAffine3> = slots.iter().map(|s| world[s.joint] * s.inverse_bind).collect();
         let mut root: Vec<usize> = (0..slots.len()).collect();
-        let mut first_of_name: Vec<(&str, usize)> = Vec::new();
+        let mut first_of_skin: Vec<(usize, usize)> = Vec::new();
         let mut used = vec![false; slots.len()];
         for part in &mesh.parts {
-            let mut first = first_of_name.iter().find(|(n, _)| *n == part.name && !n.is_empty()).map(|p| p.1);
+            let mut first = first_of_skin.iter().find(|(s, _)| Some(*s) == part.skin).map(|p| p.1);
             let anew = first.is_none();
             for i in rig.skin.influences[part.vertices.clone()].iter().flatten() {
                 used[i.slot as usize] = true;
@@ -40,8 +44,8 @@ impl Spaces {
                 let (a, b) = (find(&root, to), find(&root, i.slot as usize));
                 root[a.max(b)] = a.min(b);
             }
-            if let (true, Some(first)) = (anew, first) {
-                first_of_name.push((&part.name, first));
+            if let (true, Some(skin), Some(first)) = (anew, part.skin, first) {
+                first_of_skin.push((skin, first));
             }
         }
         let mut group_of = vec![usize::MAX; slots.len()];
@@ -60,14 +64,26 @@ impl Spaces {
                 *group = None;
             }
         }
-        Self { group_of, shared, rest, joints: slots.iter().map(|s| s.joint).collect() }
+        let mut roots: Vec<usize> = Vec::new();
+        for (j, joint) in rig.skeleton.joints.iter().enumerate() {
+            roots.push(joint.parent.map_or(j, |p| roots[p]));
+        }
+        Self { group_of, shared, rest, joints: slots.iter().map(|s| s.joint).collect(), size, roots }
     }
 
-    /// Where the points of a helper that is born on `joint` are at rest: the map from the buffers of `group` to the displayed rest, if there
-    /// is one.
-    pub fn map(&self, joint: usize, group: usize) -> Option<DAffine3> {
-        let own = (0..self.joints.len()).find(|&s| self.group_of[s] == group && self.joints[s] == joint);
-        self.shared[group].or_else(|| own.map(|s| self.rest[s]))
+    /// Where the points of a helper are at rest that is born on `joint` in the group `home`: the map from a group's buffers to the displayed
+    /// rest \[group\]. `None` where it would be another than at home: a joint with two inverse binds has no bind pose that importers agree on.
+    pub fn maps(&self, joint: usize, home: usize) -> Vec<Option<DAffine3>> {
+        let own = self.map(joint, home);
+        let fits = |m: &DAffine3| own.is_some_and(|o| same(&o, m, self.size));
+        (0..self.shared.len()).map(|g| self.map(joint, g).filter(fits)).collect()
+    }
+
+    fn map(&self, joint: usize, group: usize) -> Option<DAffine3> {
+        let mut slots = (0..self.joints.len()).filter(|&s| self.group_of[s] == group);
+        let own = slots.clone().find(|&s| self.joints[s] == joint);
+        let one_tree = slots.any(|s| self.roots[self.joints[s]] == self.roots[joint]);
+        self.shared[group].filter(|_| one_tree).or_else(|| own.map(|s| self.rest[s]))
     }
 
     /// Whether the displayed rest is the bind pose everywhere.

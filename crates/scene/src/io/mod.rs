@@ -20,6 +20,7 @@ pub mod rig_txt;
 pub mod stl;
 pub mod tets;
 mod text;
+pub mod trajectory;
 pub mod weld;
 
 pub use atomic::write_atomically;

@@ -184,7 +184,7 @@ impl Model {
             return;
         }
         let look = self.look.unwrap_or_else(|| self.look_named(""));
-        self.mesh.parts.push(Part { name: self.name.clone(), vertices, triangles, look });
+        self.mesh.parts.push(Part { name: self.name.clone(), vertices, triangles, look, skin: None });
         self.seen.clear();
     }
 

@@ -64,6 +64,7 @@ fn parse(bytes: &[u8]) -> Result<Mesh, SceneError> {
         vertices: 0..mesh.positions.len(),
         triangles: 0..mesh.triangles.len(),
         look: 0,
+        skin: None,
     }];
     Ok(mesh)
 }

@@ -149,7 +149,7 @@ fn parse(bytes: &[u8]) -> Result<Mesh, SceneError> {
         }
     }
     let (vertices, triangles) = (0..mesh.positions.len(), 0..mesh.triangles.len());
-    mesh.parts = vec![Part { name: String::new(), vertices, triangles, look: 0 }];
+    mesh.parts = vec![Part { name: String::new(), vertices, triangles, look: 0, skin: None }];
     Ok(mesh)
 }
 

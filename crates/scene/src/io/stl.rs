@@ -79,7 +79,7 @@ fn indexed(corners: Vec<DVec3>) -> Mesh {
     let mut positions = vec![DVec3::ZERO; count];
     welded.iter().zip(&corners).for_each(|(&i, &p)| positions[i as usize] = p);
     let triangles: Vec<[u32; 3]> = welded.as_chunks::<3>().0.to_vec();
-    let part = Part { name: String::new(), vertices: 0..count, triangles: 0..triangles.len(), look: 0 };
+    let part = Part { name: String::new(), vertices: 0..count, triangles: 0..triangles.len(), look: 0, skin: None };
     Mesh { positions, triangles, parts: vec![part], ..Mesh::default() }
 }
 

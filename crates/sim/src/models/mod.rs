@@ -9,11 +9,13 @@
 
 mod corotated_linear;
 mod fixed_corotated;
+mod guarded_corotated;
 mod linear;
 mod stable_neo_hookean;
 
 pub(crate) use corotated_linear::CorotatedLinear;
 pub(crate) use fixed_corotated::FixedCorotated;
+pub(crate) use guarded_corotated::GuardedCorotated;
 pub(crate) use linear::Linear;
 pub(crate) use stable_neo_hookean::StableNeoHookean;
 
@@ -31,11 +33,19 @@ pub enum Model {
     Linear,
     /// Co-rotated linear elasticity; as-rigid-as-possible at λ = 0.
     CorotatedLinear,
+    /// Fixed corotated that stiffens below 40 % of a tet's volume.
+    GuardedCorotated,
 }
 
 impl Model {
     /// Every member, in the order of lists and help texts.
-    pub const ALL: [Model; 4] = [Model::FixedCorotated, Model::StableNeoHookean, Model::Linear, Model::CorotatedLinear];
+    pub const ALL: [Model; 5] = [
+        Model::FixedCorotated,
+        Model::StableNeoHookean,
+        Model::Linear,
+        Model::CorotatedLinear,
+        Model::GuardedCorotated,
+    ];
 
     /// The word for it in options and lists.
     pub fn name(self) -> &'static str {
@@ -44,6 +54,7 @@ impl Model {
             Model::StableNeoHookean => "stable-neo-hookean",
             Model::Linear => "linear",
             Model::CorotatedLinear => "corotated-linear",
+            Model::GuardedCorotated => "guarded-corotated",
         }
     }
 
@@ -53,6 +64,9 @@ impl Model {
             Model::FixedCorotated => "μ‖F−R‖² + λ/2 (det F − 1)²: stiff against inversion, the default",
             Model::StableNeoHookean => "rubber-like, smooth everywhere, no rotation to find (Smith et al. 2018)",
             Model::Linear => "small strain only; exact and quadratic, wrong under rotation",
+            Model::GuardedCorotated => {
+                "fixed-corotated that stiffens below 40 % of its volume: for flesh between bones"
+            }
             Model::CorotatedLinear => "linear elasticity in the rotated frame; as-rigid-as-possible at ν = 0",
         }
     }
@@ -143,6 +157,10 @@ macro_rules! with_model {
             }
             $crate::models::Model::CorotatedLinear => {
                 type $M = $crate::models::CorotatedLinear;
+                $call
+            }
+            $crate::models::Model::GuardedCorotated => {
+                type $M = $crate::models::GuardedCorotated;
                 $call
             }
         }

@@ -136,7 +136,8 @@ impl Geometry<'_> {
         }
         let attributes = primitive.need("attributes")?;
         let position = attributes.need("POSITION")?;
-        let positions = self.positions(node, mesh, primitive, &position)?;
+        let weights = self.graph.nodes[node].place.get("weights").or_else(|| mesh.get("weights"));
+        let positions = positions(self.document, weights, primitive, &position)?;
         self.check_room(positions.len(), primitive)?;
         let count = positions.len();
         let triangles = triangles(self.document, primitive, mode, count)?;
@@ -153,6 +154,7 @@ impl Geometry<'_> {
             vertices: first..first + count,
             triangles: first_triangle..self.mesh.triangles.len(),
             look,
+            skin: binding.map(|b| b.index),
         });
         Ok(())
     }
@@ -162,35 +164,6 @@ impl Geometry<'_> {
             return Err(place.limit(format!("the model has more than {MAX_ELEMENTS} vertices or triangles")));
         }
         Ok(())
-    }
-
-    /// Stored positions with the default morph weights applied.
-    fn positions(
-        &mut self,
-        node: usize,
-        mesh: &Place,
-        primitive: &Place,
-        position: &Place,
-    ) -> Result<Vec<DVec3>, SceneError> {
-        let mut positions = vec3s(self.document, position)?;
-        let weights = self.graph.nodes[node].place.get("weights").or_else(|| mesh.get("weights"));
-        if let Some(weights) = weights {
-            for (target, weight) in primitive.list("targets")?.iter().zip(weights.items()?) {
-                let weight = weight.number()?;
-                let Some(offset) = target.get("POSITION").filter(|_| weight != 0.0) else { continue };
-                let offsets = vec3s(self.document, &offset)?;
-                if offsets.len() != positions.len() {
-                    return Err(offset.invalid("a morph target has another number of vertices than its mesh"));
-                }
-                positions.iter_mut().zip(offsets).for_each(|(p, d)| *p += d * weight);
-            }
-        }
-        let bad = positions.iter().filter(|p| !p.is_finite()).count();
-        if let Some(at) = positions.iter().position(|p| !p.is_finite()) {
-            let what = format!("{bad} vertices are not finite, the first is {at}; use --repair to drop them");
-            return Err(position.invalid(what));
-        }
-        Ok(positions)
     }
 
     fn look_index(&mut self, primitive: &Place) -> Result<usize, SceneError> {
@@ -334,6 +307,33 @@ impl Geometry<'_> {
         }
         Ok(pairs.iter().any(|l| !l.is_empty()).then_some(pairs))
     }
+}
+
+/// Stored positions with the default morph weights applied.
+pub(super) fn positions(
+    document: &Document,
+    weights: Option<Place>,
+    primitive: &Place,
+    position: &Place,
+) -> Result<Vec<DVec3>, SceneError> {
+    let mut positions = vec3s(document, position)?;
+    if let Some(weights) = weights {
+        for (target, weight) in primitive.list("targets")?.iter().zip(weights.items()?) {
+            let weight = weight.number()?;
+            let Some(offset) = target.get("POSITION").filter(|_| weight != 0.0) else { continue };
+            let offsets = vec3s(document, &offset)?;
+            if offsets.len() != positions.len() {
+                return Err(offset.invalid("a morph target has another number of vertices than its mesh"));
+            }
+            positions.iter_mut().zip(offsets).for_each(|(p, d)| *p += d * weight);
+        }
+    }
+    let bad = positions.iter().filter(|p| !p.is_finite()).count();
+    if let Some(at) = positions.iter().position(|p| !p.is_finite()) {
+        let what = format!("{bad} vertices are not finite, the first is {at}; use --repair to drop them");
+        return Err(position.invalid(what));
+    }
+    Ok(positions)
 }
 
 /// The triangles of a primitive, all of them within its `count` vertices.

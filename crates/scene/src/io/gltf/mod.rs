@@ -14,7 +14,7 @@ mod repair;
 mod write;
 
 pub use clips::{Clip, clips};
-pub use write::{ExportOptions, save_clips, write_clips};
+pub use write::{ExportOptions, Morphs, save_clips, write_clips};
 
 use super::{Format, ReadOptions, SceneError};
 use crate::rig::{Joint, Rig, Skeleton, Skin};

@@ -1,5 +1,6 @@
 //! Motions → glTF animations: one shared input per clip, only channels that move, continuous unit quaternions.
 
+use super::ExportOptions;
 use super::bin::{Output, Use, array, push};
 use crate::rig::Transform;
 use crate::{Asset, Motion};
@@ -9,14 +10,24 @@ use serde_json::{Value, json};
 /// Differences from the node's own value that vanish in f32 are not motion (relative to the value's size).
 const STILL: f64 = 1e-7;
 
-/// Puts the motions before the document's own clips, which stay if `keep`.
-pub(super) fn add(out: &mut Output, asset: &Asset, node_of_joint: &[usize], motions: &[Motion], keep: bool) {
-    let old = if keep { array(&mut out.json, "animations").clone() } else { Vec::new() };
+/// Puts the motions before the document's own clips, which stay if they are to be kept.
+pub(super) fn add(
+    out: &mut Output,
+    asset: &Asset,
+    node_of_joint: &[usize],
+    motions: &[Motion],
+    options: &ExportOptions,
+) {
+    let mut old = if options.keep_clips { array(&mut out.json, "animations").clone() } else { Vec::new() };
     let mut names: Vec<String> = old.iter().filter_map(|a| a["name"].as_str().map(String::from)).collect();
     let mut animations = Vec::new();
     for motion in motions {
         let name = unique(&motion.name, &mut names);
         animations.extend(animation(out, asset, node_of_joint, motion, &name));
+    }
+    let added: Vec<usize> = (0..node_of_joint.len()).filter(|&j| asset.rig.skeleton.joints[j].node.is_none()).collect();
+    for (clip, motion) in old.iter_mut().zip(&options.kept) {
+        channels(out, asset, node_of_joint, motion, &added, clip);
     }
     animations.extend(old);
     out.json["animations"] = Value::Array(animations);
@@ -31,11 +42,23 @@ pub(super) fn unique(name: &str, names: &mut Vec<String>) -> String {
     found
 }
 
-fn animation(out: &mut Output, asset: &Asset, node_of_joint: &[usize], motion: &Motion, name: &str) -> Option<Value> {
-    let times: Vec<[f32; 1]> = (0..motion.poses.len()).map(|k| [(k as f64 / motion.fps) as f32]).collect();
-    let mut animation = json!({ "name": name, "channels": [], "samplers": [] });
+/// Times of a motion's frames [s].
+pub(super) fn times(motion: &Motion) -> Vec<[f32; 1]> {
+    (0..motion.poses.len()).map(|k| [(k as f64 / motion.fps) as f32]).collect()
+}
+
+/// Adds the channels of those of `joints` that move; returns the accessor of the times, if there were any.
+fn channels(
+    out: &mut Output,
+    asset: &Asset,
+    node_of_joint: &[usize],
+    motion: &Motion,
+    joints: &[usize],
+    animation: &mut Value,
+) -> Option<usize> {
     let mut input = None;
-    for (j, joint) in asset.rig.skeleton.joints.iter().enumerate() {
+    for &j in joints {
+        let joint = &asset.rig.skeleton.joints[j];
         let locals: Vec<&Transform> = motion.poses.iter().map(|p| &p.locals[j]).collect();
         let translations = moving(joint.rest.translation, locals.iter().map(|l| l.translation));
         let rotations = turning(joint.rest.rotation, locals.iter().map(|l| l.rotation));
@@ -45,7 +68,7 @@ fn animation(out: &mut Output, asset: &Asset, node_of_joint: &[usize], motion: &
         }
         let node = node_of_joint[j];
         use_trs(&mut out.json["nodes"][node], &joint.rest);
-        let input = *input.get_or_insert_with(|| out.floats(&times, Use::Other, true));
+        let input = *input.get_or_insert_with(|| out.floats(&times(motion), Use::Other, true));
         let outputs = [
             ("translation", translations.map(|v| out.floats(&v, Use::Other, false))),
             ("rotation", rotations.map(|v| out.floats(&v, Use::Other, false))),
@@ -53,14 +76,19 @@ fn animation(out: &mut Output, asset: &Asset, node_of_joint: &[usize], motion: &
         ];
         for (path, output) in outputs {
             let Some(output) = output else { continue };
-            let sampler = push(
-                &mut animation,
-                "samplers",
-                json!({ "input": input, "output": output, "interpolation": "LINEAR" }),
-            );
-            push(&mut animation, "channels", json!({ "sampler": sampler, "target": { "node": node, "path": path } }));
+            let sampler =
+                push(animation, "samplers", json!({ "input": input, "output": output, "interpolation": "LINEAR" }));
+            push(animation, "channels", json!({ "sampler": sampler, "target": { "node": node, "path": path } }));
         }
     }
+    input
+}
+
+fn animation(out: &mut Output, asset: &Asset, node_of_joint: &[usize], motion: &Motion, name: &str) -> Option<Value> {
+    let times = times(motion);
+    let mut animation = json!({ "name": name, "channels": [], "samplers": [] });
+    let all: Vec<usize> = (0..node_of_joint.len()).collect();
+    let input = channels(out, asset, node_of_joint, motion, &all, &mut animation);
     if input.is_none() {
         // An animation must have a channel: a motion that stands still holds its first joint.
         let rest = asset.rig.skeleton.joints.first()?.rest;

@@ -1,10 +1,13 @@
 //! The GLB writer: the input's document patched, never rebuilt.
 //!
 //! What we do not interpret (extensions, extras, materials, cameras) stays, and so do the original buffers, byte for byte, as the head of the
-//! binary chunk. A rig that came with the file keeps its nodes, bind matrices and weights; a rig that we made is attached as one joint tree.
+//! binary chunk. A rig that came with the file keeps its nodes, bind matrices and weights; a rig that we made is attached as one joint tree, and
+//! joints that we add to a given rig become nodes under its own.
 
 mod animation;
 mod bin;
+mod helpers;
+mod morph;
 mod place;
 mod rig;
 mod scratch;
@@ -12,6 +15,7 @@ mod scratch;
 use crate::io::{SceneError, write_atomically};
 use crate::{Asset, Motion, Source};
 pub(super) use bin::{Output, Use};
+pub use morph::Morphs;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -21,13 +25,18 @@ use std::path::Path;
 pub struct ExportOptions {
     /// Keep the clips that the input has (after the new ones).
     pub keep_clips: bool,
+    /// Where the rig has joints that the document lacks: motions of the document's own clips, in their order, from which the keys of those
+    /// joints are taken; the clips' own keys stay.
+    pub kept: Vec<Motion>,
+    /// Shapes that play with the motions.
+    pub morphs: Option<Morphs>,
     /// Goes to `asset.extras.animimic`: version, options, seed, metrics.
     pub extras: Value,
 }
 
 impl Default for ExportOptions {
     fn default() -> Self {
-        Self { keep_clips: true, extras: Value::Null }
+        Self { keep_clips: true, kept: Vec::new(), morphs: None, extras: Value::Null }
     }
 }
 
@@ -36,8 +45,9 @@ impl Default for ExportOptions {
 /// # Errors
 /// [`SceneError::Caller`] if a motion does not fit the asset's skeleton or is not finite, [`SceneError::Limit`] beyond 4 GiB.
 pub fn write_clips(asset: &Asset, motions: &[Motion], options: &ExportOptions) -> Result<Vec<u8>, SceneError> {
-    motions.iter().try_for_each(|m| check(asset, m))?;
-    let ours = asset.rig.skeleton.joints.iter().any(|j| j.node.is_none());
+    motions.iter().chain(&options.kept).try_for_each(|m| check(asset, m))?;
+    let joints = &asset.rig.skeleton.joints;
+    let ours = joints.iter().all(|j| j.node.is_none());
     let (mut out, parts) = match &asset.source {
         Source::Gltf { json, buffers } => (Output::patching(json.clone(), buffers), rig::parts_of(json, asset)?),
         Source::Plain => scratch::document(asset)?,
@@ -47,16 +57,18 @@ pub fn write_clips(asset: &Asset, motions: &[Motion], options: &ExportOptions) -
         rig::attach(&mut out, asset, &parts)?
     } else {
         let moved = place::skinned_meshes_to_root(&mut out.json);
-        asset
-            .rig
-            .skeleton
-            .joints
-            .iter()
-            .map(|j| j.node.map(|n| moved.get(&n).copied().unwrap_or(n)))
-            .map(|n| n.unwrap_or(0))
-            .collect()
+        let mut nodes: Vec<Option<usize>> =
+            joints.iter().map(|j| j.node.map(|n| moved.get(&n).copied().unwrap_or(n))).collect();
+        if nodes.contains(&None) {
+            helpers::attach(&mut out, asset, &parts, &mut nodes)?;
+        }
+        nodes.into_iter().map(|n| n.unwrap_or(0)).collect()
     };
-    animation::add(&mut out, asset, &node_of_joint, motions, options.keep_clips);
+    animation::add(&mut out, asset, &node_of_joint, motions, options);
+    if let Some(morphs) = &options.morphs {
+        check_morphs(asset, motions, morphs)?;
+        morph::add(&mut out, asset, &parts, motions, morphs)?;
+    }
     if !options.extras.is_null() {
         if !out.json["asset"]["extras"].is_object() {
             out.json["asset"]["extras"] = json!({});
@@ -78,6 +90,16 @@ pub fn save_clips(
 ) -> Result<(), SceneError> {
     let bytes = write_clips(asset, motions, options)?;
     write_atomically(path, |w| w.write_all(&bytes))
+}
+
+fn check_morphs(asset: &Asset, motions: &[Motion], morphs: &Morphs) -> Result<(), SceneError> {
+    let (targets, vertices) = (morphs.names.len(), asset.mesh.positions.len());
+    let frames = |(m, w): (&Motion, &Vec<Vec<f64>>)| m.poses.len() == w.len() && w.iter().all(|f| f.len() == targets);
+    let fits = morphs.offsets.len() == targets
+        && morphs.offsets.iter().all(|o| o.len() == vertices)
+        && morphs.weights.len() == motions.len()
+        && motions.iter().zip(&morphs.weights).all(frames);
+    if fits { Ok(()) } else { Err(SceneError::Caller("the morphs do not fit the mesh and the motions".into())) }
 }
 
 fn check(asset: &Asset, motion: &Motion) -> Result<(), SceneError> {

@@ -37,6 +37,13 @@ pub(super) fn to_root(json: &mut Value, meshes: &[usize]) -> BTreeMap<usize, usi
     stand_ins
 }
 
+/// Moves a mesh node that hangs in the hierarchy to the root and returns the node that takes its place there, as a joint may.
+pub(super) fn free_from_hierarchy(json: &mut Value, mesh: usize) -> usize {
+    let stand_in = replace(json, mesh);
+    retarget_animations(json, &BTreeMap::from([(mesh, stand_in)]));
+    stand_in
+}
+
 fn is_joint(json: &Value, node: usize) -> bool {
     let skins = json.get("skins").and_then(Value::as_array);
     skins.is_some_and(|s| {

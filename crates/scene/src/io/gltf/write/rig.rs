@@ -70,10 +70,10 @@ fn shown(json: &Value) -> Vec<bool> {
 pub(super) fn attach(out: &mut Output, asset: &Asset, parts: &[PartPlace]) -> Result<Vec<usize>, SceneError> {
     let mut meshes: Vec<usize> = parts.iter().map(|p| p.node).collect();
     meshes.dedup();
-    own_meshes(out, &meshes);
+    meshes.iter().rev().for_each(|&node| own_mesh(out, node));
     for part in parts {
         bake(out, asset, part)?;
-        weigh(out, &asset.rig.skin, part);
+        weigh(out, &asset.rig.skin, part, |slot| asset.rig.skin.slots[slot].joint);
     }
     place::to_root(&mut out.json, &meshes);
     let (nodes, joints) = joint_tree(out, &asset.rig.skeleton);
@@ -93,21 +93,18 @@ pub(super) fn attach(out: &mut Output, asset: &Asset, parts: &[PartPlace]) -> Re
     Ok(nodes)
 }
 
-/// Gives every node a mesh of its own, so that weights can differ.
-fn own_meshes(out: &mut Output, nodes: &[usize]) {
-    let mut taken: Vec<u64> = Vec::new();
-    for &node in nodes {
-        let mesh = out.json["nodes"][node]["mesh"].as_u64().unwrap_or(0);
-        if taken.contains(&mesh) {
-            let copy = out.json["meshes"][mesh as usize].clone();
-            let new = push(&mut out.json, "meshes", copy);
-            out.json["nodes"][node]["mesh"] = json!(new);
-        }
-        taken.push(out.json["nodes"][node]["mesh"].as_u64().unwrap_or(0));
+/// Gives a node a mesh that no other node shows.
+pub(super) fn own_mesh(out: &mut Output, node: usize) {
+    let mesh = out.json["nodes"][node]["mesh"].clone();
+    let nodes = array(&mut out.json, "nodes");
+    if nodes.iter().enumerate().any(|(i, n)| i != node && n.get("mesh") == Some(&mesh)) {
+        let copy = out.json["meshes"][mesh.as_u64().unwrap_or(0) as usize].clone();
+        let new = push(&mut out.json, "meshes", copy);
+        out.json["nodes"][node]["mesh"] = json!(new);
     }
 }
 
-fn primitive<'a>(json: &'a mut Value, part: &PartPlace) -> &'a mut Value {
+pub(super) fn primitive<'a>(json: &'a mut Value, part: &PartPlace) -> &'a mut Value {
     let mesh = json["nodes"][part.node]["mesh"].as_u64().unwrap_or(0) as usize;
     &mut json["meshes"][mesh]["primitives"][part.primitive]
 }
@@ -167,7 +164,7 @@ fn bake(out: &mut Output, asset: &Asset, part: &PartPlace) -> Result<(), SceneEr
 }
 
 /// Displayed triangles as new indices: a mirroring node had turned them.
-fn rewind(out: &mut Output, asset: &Asset, part: &PartPlace) {
+pub(super) fn rewind(out: &mut Output, asset: &Asset, part: &PartPlace) {
     let first = part.vertices.start as u32;
     let indices: Vec<u32> = asset.mesh.triangles[part.triangles.clone()].iter().flatten().map(|i| i - first).collect();
     let accessor = out.integers(bytemuck::cast_slice(&indices), UNSIGNED_INT, "SCALAR", indices.len(), Use::Indices);
@@ -177,7 +174,7 @@ fn rewind(out: &mut Output, asset: &Asset, part: &PartPlace) {
 }
 
 /// World transform of a node in the document.
-fn linear_map(json: &Value, node: usize) -> DAffine3 {
+pub(super) fn linear_map(json: &Value, node: usize) -> DAffine3 {
     let mut warnings = Vec::new();
     let buffers: [Vec<u8>; 0] = [];
     let world = Document::plain(json, &buffers);
@@ -191,10 +188,10 @@ fn linear_map(json: &Value, node: usize) -> DAffine3 {
     map
 }
 
-/// JOINTS_0 and WEIGHTS_0 of a part.
-fn weigh(out: &mut Output, skin: &Skin, part: &PartPlace) {
+/// JOINTS_0 and WEIGHTS_0 of a part; `joint_of` gives the place of a slot's joint in the document's skin.
+pub(super) fn weigh(out: &mut Output, skin: &Skin, part: &PartPlace, joint_of: impl Fn(usize) -> usize) {
     let rows: Vec<([u16; 4], [f32; 4])> =
-        skin.influences[part.vertices.clone()].iter().map(|list| four(skin, list)).collect();
+        skin.influences[part.vertices.clone()].iter().map(|list| four(list, &joint_of)).collect();
     let weights: Vec<[f32; 4]> = rows.iter().map(|r| r.1).collect();
     let small = rows.iter().flat_map(|r| r.0).all(|j| j <= u16::from(u8::MAX));
     let (bytes, component): (Vec<u8>, u32) = if small {
@@ -213,10 +210,10 @@ fn weigh(out: &mut Output, skin: &Skin, part: &PartPlace) {
 }
 
 /// The four largest weights, summing to 1 in f32, no joint twice, unused places 0.
-fn four(skin: &Skin, list: &[Influence]) -> ([u16; 4], [f32; 4]) {
+fn four(list: &[Influence], joint_of: &impl Fn(usize) -> usize) -> ([u16; 4], [f32; 4]) {
     let mut merged: Vec<(usize, f64)> = Vec::new();
     for i in list {
-        let joint = skin.slots[i.slot as usize].joint;
+        let joint = joint_of(i.slot as usize);
         match merged.iter_mut().find(|(j, _)| *j == joint) {
             Some(pair) => pair.1 += i.weight,
             None => merged.push((joint, i.weight)),

@@ -1,0 +1,3 @@
+//! Soft tissue for an animation that is there already.
+
+pub mod yielding;

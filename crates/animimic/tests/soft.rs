@@ -1,0 +1,119 @@
+//! Soft tissue on the true joint motion of every case of the test data.
+// In tests a panic is the message; helpers outside #[test] functions count as well.
+#![allow(clippy::unwrap_used)]
+
+#[path = "../examples/soft_cases/recorded.rs"]
+mod recorded;
+
+use animimic::scene::{Asset, Motion};
+use animimic::sim::{Elasticity, Model};
+use animimic::soften::yielding::give_way;
+use animimic_fit::soft::{Settings, Simulated, Stepping, Tissue};
+use glam::{DMat3, DVec3};
+
+fn elasticity(tissue: &Tissue, youngs: f64) -> Elasticity {
+    Elasticity::uniform(Model::GuardedCorotated, tissue.body.tets.len(), youngs, 0.4, 1000.0)
+}
+
+fn simulate(tissue: &Tissue, motion: &Motion, youngs: f64) -> Simulated {
+    tissue.simulate(&elasticity(tissue, youngs), &Stepping::default(), &motion.poses, motion.fps).unwrap()
+}
+
+/// Calls `work` with every case, or says that there are none.
+fn each_case(work: impl Fn(&str, &Asset, &Motion)) {
+    let Some(folder) = recorded::cases() else { return println!("skipped: ../shared/data/gt is absent") };
+    for name in recorded::names(&folder) {
+        let (asset, motion) = recorded::recorded(&folder.join(&name));
+        work(&name, &asset, &motion);
+    }
+}
+
+#[test]
+fn every_case_keeps_its_tets_upright_and_its_volume_and_cuts_itself_no_more_than_skinning() {
+    each_case(|name, asset, motion| {
+        let tissue = Tissue::new(asset, &Settings::default()).unwrap();
+        let simulated = simulate(&tissue, motion, 1e5);
+        let skinned: Vec<_> = motion.poses.iter().map(|p| asset.rig.skinned(&tissue.world(p))).collect();
+        let frames = simulated.frames().zip(&motion.poses);
+        let mut soft: Vec<_> = frames.map(|(cage, p)| tissue.surface(cage, &tissue.world(p))).collect();
+        let still = soft[0].iter().zip(&asset.mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+        let still = still / asset.mesh.diagonal();
+        let yielded = give_way(&asset.mesh, &skinned, &mut soft);
+        let r = &simulated.report;
+        println!(
+            "{name}: inverted {}, missed {}, {} steps a frame, volume {:.3}, rest {still:.1e}, crossing pairs {} of skinning, {} -> {} soft, {:.2} yielded",
+            r.inverted,
+            r.unconverged.len(),
+            r.substeps,
+            r.volume_change,
+            yielded.skinned_pairs,
+            yielded.soft_pairs,
+            yielded.pairs,
+            yielded.share
+        );
+        assert_eq!((r.inverted, r.unconverged.len()), (0, 0), "{name}");
+        assert!(r.volume_change < 0.05, "{name}");
+        assert!(yielded.pairs <= yielded.skinned_pairs, "{name}");
+        // Where the recorded first pose is the file's own, as far as the file stores it.
+        assert!(still < 1e-4, "{name}");
+    });
+}
+
+#[test]
+fn at_rest_the_surface_is_the_rest_surface() {
+    each_case(|name, asset, _| {
+        let tissue = Tissue::new(asset, &Settings { tets: 500, ..Settings::default() }).unwrap();
+        let pose = animimic::scene::Pose { locals: asset.rig.skeleton.rest_locals() };
+        let still = Motion { name: "still".into(), fps: 24.0, poses: vec![pose.clone(); 3] };
+        let simulated = simulate(&tissue, &still, 1e4);
+        let world = tissue.world(&pose);
+        let moved = simulated.frames().map(|cage| {
+            let surface = tissue.surface(cage, &world);
+            surface.iter().zip(&asset.mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max)
+        });
+        let worst = moved.fold(0.0, f64::max) / asset.mesh.diagonal();
+        println!("{name}: {worst:.1e} of the diagonal");
+        assert!(worst < 1e-9, "{name}");
+    });
+}
+
+/// A point of the cage by its tet and barycentric coordinates.
+type Point = ([u32; 4], [f64; 4]);
+
+/// The tet around a point in which a joint has most of the weight.
+fn place(tissue: &Tissue, joint: usize, p: DVec3) -> Option<Point> {
+    tissue.cage.mesh.tets.iter().find_map(|tet| {
+        let x = tet.map(|v| tissue.cage.mesh.positions[v as usize]);
+        let m = DMat3::from_cols(x[1] - x[0], x[2] - x[0], x[3] - x[0]).inverse() * (p - x[0]);
+        let b = [1.0 - m.element_sum(), m.x, m.y, m.z];
+        let own: f64 = tet.iter().zip(b).map(|(&v, b)| tissue.weights.rows[v as usize][joint] * b).sum();
+        (b.iter().all(|v| *v > -1e-9) && own > 0.5).then_some((*tet, b))
+    })
+}
+
+#[test]
+fn with_stiff_flesh_bones_are_where_skinning_has_them() {
+    each_case(|name, asset, motion| {
+        let tissue = Tissue::new(asset, &Settings::default()).unwrap();
+        let simulated = simulate(&tissue, motion, 1e8);
+        let mut squares = Vec::new();
+        for bone in &tissue.bones {
+            for share in [0.4, 0.5, 0.6] {
+                let p = bone.ends[0].lerp(bone.ends[1], share);
+                let Some((tet, b)) = place(&tissue, bone.joint, p) else { continue };
+                for (pose, cage) in motion.poses.iter().zip(simulated.frames()) {
+                    let t = tissue.displacements(&tissue.world(pose))[tissue.weights.joints[bone.joint]];
+                    let there: DVec3 = tet.iter().zip(b).map(|(&v, b)| cage[v as usize] * b / tissue.scale).sum();
+                    squares.push(there.distance_squared(t.transform_point3(p)));
+                }
+            }
+        }
+        squares.sort_by(f64::total_cmp);
+        let percent = |s: f64| 100.0 * s.sqrt() / asset.mesh.diagonal();
+        let rms = percent(squares.iter().sum::<f64>() / squares.len().max(1) as f64);
+        let p95 = percent(squares[squares.len() * 95 / 100]);
+        let worst = percent(squares[squares.len() - 1]);
+        println!("{name}: bones off by {rms:.3} % of the diagonal rms, p95 {p95:.3} %, worst {worst:.2} %");
+        assert!(rms < 0.3, "{name}");
+    });
+}

@@ -1,0 +1,156 @@
+//! Stage 2: soft tissue on a skeleton. The only place where rig and simulation meet.
+//!
+//! A cage of tets is built around the displayed rest pose ([`Tissue`]). Flesh in the cores of bones is held by the joints'
+//! displacements from rest, T_j(t) = G_j(t) G_j(rest)⁻¹; the rest is free ([`holds`]). A motion is simulated
+//! ([`Tissue::simulate`]), and the surface follows its tets ([`surface`]).
+//!
+//! Units: lengths are scaled so that the rest diagonal is `size_m` (1 m unless said otherwise).
+
+pub mod bones;
+pub mod holds;
+pub mod motion;
+pub mod surface;
+pub mod weights;
+
+use crate::FitError;
+use animimic_scene::{Asset, Rig, TetMesh};
+use animimic_sim::tet::{Cage, DEFAULT_TETS, cage};
+use animimic_sim::{Body, Tether};
+use bones::Bone;
+use glam::{DAffine3, DVec3};
+use holds::{Choice, FREE, Hold};
+pub use motion::{Report, Simulated, Stepping};
+use surface::Skinning;
+use weights::CageWeights;
+
+/// Stiffness of a hold over that of the flesh that it holds, a cell of it: enough to hold it, not so much as to crush it where bones
+/// come near each other.
+const HOLD: f64 = 10.0;
+
+/// How tissue is made of a model.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// About how many tets.
+    pub tets: usize,
+    /// Length of the rest diagonal [m].
+    pub size_m: f64,
+    /// Skeleton joints that do not drive: what hangs on them follows by inertia and elasticity.
+    pub loose: Vec<usize>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { tets: DEFAULT_TETS, size_m: 1.0, loose: Vec::new() }
+    }
+}
+
+/// A model's body, ready to be simulated.
+pub struct Tissue<'a> {
+    /// The model.
+    pub asset: &'a Asset,
+    /// The cage in the displayed rest pose [model unit].
+    pub cage: Cage,
+    /// Metres per model unit.
+    pub scale: f64,
+    /// Weights of joints at the cage's vertices.
+    pub weights: CageWeights,
+    /// Points of the flesh that joints hold.
+    pub holds: Vec<Hold>,
+    /// The joint that drives each cage vertex, as an index into the weights' joints, or [`FREE`].
+    pub driver: Vec<u32>,
+    /// The body in metres.
+    pub body: Body,
+    /// Bones of the joints that carry something.
+    pub bones: Vec<Bone>,
+    /// How the surface follows.
+    pub skinning: Skinning,
+    /// The joint whose displacement counts for each skeleton joint: itself, or the next one above that drives.
+    carrier: Vec<usize>,
+    /// Rest transforms of the joints, world space, inverted.
+    joint_from_rest: Vec<DAffine3>,
+}
+
+impl<'a> Tissue<'a> {
+    /// Builds the cage of a rigged model and chooses its drivers.
+    ///
+    /// # Errors
+    /// A surface that cannot be filled; a size that is not positive.
+    pub fn new(asset: &'a Asset, settings: &Settings) -> Result<Self, FitError> {
+        let cage = cage(&asset.mesh, settings.tets)?;
+        Self::with_cage(asset, cage, settings)
+    }
+
+    /// The same with a cage made before.
+    ///
+    /// # Errors
+    /// A size that is not positive; a cage that is not one of this model.
+    pub fn with_cage(asset: &'a Asset, cage: Cage, settings: &Settings) -> Result<Self, FitError> {
+        if !(settings.size_m > 0.0 && settings.size_m.is_finite()) {
+            return Err(FitError::Input(format!("a rest diagonal of {} m; it must be positive", settings.size_m)));
+        }
+        if cage.embedding.tet.len() != asset.rig.skin.influences.len() {
+            return Err(FitError::Input("the cage was made of another model".into()));
+        }
+        let rig = &asset.rig;
+        let scale = settings.size_m / asset.mesh.diagonal();
+        let weights = CageWeights::new(&rig.skin, &cage);
+        let rest_world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let origins: Vec<DVec3> = rest_world.iter().map(|g| g.translation).collect();
+        let bones = bones::bones(rig, &origins, &asset.mesh, &weights);
+        let carrier = carriers(rig, &settings.loose);
+        let loose: Vec<bool> = weights.joints.iter().map(|j| settings.loose.contains(j)).collect();
+        let choice =
+            Choice { mesh: &cage.mesh, spacing: cage.spacing, weights: &weights, bones: &bones, loose: &loose };
+        let (holds, driver) = holds::holds(&choice);
+        let positions = cage.mesh.positions.iter().map(|x| *x * scale).collect();
+        let mesh = TetMesh { positions, tets: cage.mesh.tets.clone() };
+        let driven: Vec<u32> = (0..driver.len() as u32).filter(|&v| driver[v as usize] != FREE).collect();
+        let stiffness = HOLD * cage.spacing * scale;
+        let tether = |h: &Hold| Tether { tet: h.tet, barycentric: h.barycentric, stiffness };
+        let body = Body::new(&mesh, &driven)?.tethered(holds.iter().map(tether).collect())?;
+        let holding: Vec<bool> = (0..weights.joints.len() as u32)
+            .map(|c| loose[c as usize] || driver.contains(&c) || holds.iter().any(|h| h.joint == c))
+            .collect();
+        let skinning = Skinning::new(rig, &cage, &weights, &driver, &holding);
+        let joint_from_rest = rest_world.iter().map(|g| g.inverse()).collect();
+        Ok(Self { asset, cage, scale, weights, holds, driver, body, bones, skinning, carrier, joint_from_rest })
+    }
+
+    /// Displacement from rest of every skeleton joint, T = G G(rest)⁻¹; that of the joint above where a joint is loose or its rest
+    /// transform has no inverse.
+    pub fn displacements(&self, world_from_joint: &[DAffine3]) -> Vec<DAffine3> {
+        let mut own: Vec<DAffine3> = Vec::with_capacity(world_from_joint.len());
+        for (j, (g, inverse)) in world_from_joint.iter().zip(&self.joint_from_rest).enumerate() {
+            let t = *g * *inverse;
+            let above = self.asset.rig.skeleton.joints[j].parent.map_or(DAffine3::IDENTITY, |p| own[p]);
+            own.push(if t.is_finite() && self.carrier[j] == j { t } else { above });
+        }
+        own
+    }
+
+    /// Positions of the driven vertices and of the holds [m], in the order of `body.driven` and `body.tethers`.
+    pub fn driven_positions(&self, displacements: &[DAffine3]) -> Vec<DVec3> {
+        let at = |&v: &u32| {
+            let joint = self.weights.joints[self.driver[v as usize] as usize];
+            displacements[joint].transform_point3(self.cage.mesh.positions[v as usize]) * self.scale
+        };
+        let held = self
+            .holds
+            .iter()
+            .map(|h| displacements[self.weights.joints[h.joint as usize]].transform_point3(h.point) * self.scale);
+        self.body.driven.iter().map(at).chain(held).collect()
+    }
+}
+
+/// The next joint above, or itself, that is not loose.
+fn carriers(rig: &Rig, loose: &[usize]) -> Vec<usize> {
+    let mut out: Vec<usize> = Vec::with_capacity(rig.skeleton.joints.len());
+    for (j, joint) in rig.skeleton.joints.iter().enumerate() {
+        let carrier = match joint.parent {
+            Some(p) if loose.contains(&j) => out[p],
+            _ => j,
+        };
+        out.push(carrier);
+    }
+    out
+}
