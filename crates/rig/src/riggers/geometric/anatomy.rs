@@ -18,11 +18,11 @@ const LEG_DROP: f64 = 0.35;
 const SAME_ROW: f64 = 0.22;
 
 /// What speaks for the head's end of a lying trunk: logarithm of its thickness, each of up to three short chains on it, its height [longest side].
-const THICK: f64 = 0.8;
+const THICK: f64 = 1.0;
 const EARS: f64 = 0.4;
-const HIGH: f64 = 4.5;
+const HIGH: f64 = 3.5;
 
-/// Legs on this first or last share of the trunk are at its end.
+/// Legs on this first or last share of the trunk are at its end; its thickness is what tells head from tail.
 const LAST: f64 = 0.15;
 
 /// What the ways to a ball's centre and along the trunk count beside the way to the ball.
@@ -64,6 +64,8 @@ pub(crate) struct Anatomy {
     pub pelvis: usize,
     /// Place of the foremost row of limbs before the pelvis, if there is one.
     pub chest: Option<usize>,
+    /// The trunk stands upright.
+    pub upright: bool,
     /// Unit vector to the body's left.
     pub left: DVec3,
 }
@@ -109,7 +111,7 @@ impl Anatomy {
         if let Some(m) = mirror {
             left = if m.normal.dot(left) < 0.0 { -m.normal } else { m.normal };
         }
-        Self { chains, roles, pelvis, chest, left }
+        Self { chains, roles, pelvis, chest, upright, left }
     }
 }
 
@@ -154,16 +156,18 @@ fn head_last(graph: &Graph, mut trunk: Vec<usize>, heights: [f64; 2]) -> Vec<usi
             .filter(|c| !is_leg(graph, c, heights))
             .filter_map(|c| c.parent.map(|p| p.1))
             .collect();
-        let score = |at_end: &dyn Fn(f64) -> bool, tip: usize| {
+        // `from_end` is the way from the end that is judged.
+        let score = |from_end: &dyn Fn(f64) -> f64, tip: usize| {
+            let within = |i: usize, share: f64| from_end(along[i]) < share * whole;
             let near: Vec<f64> =
-                (0..trunk.len()).filter(|&i| at_end(along[i])).map(|i| graph.radius(trunk[i])).collect();
+                (0..trunk.len()).filter(|&i| within(i, LAST)).map(|i| graph.radius(trunk[i])).collect();
             let mean = near.iter().sum::<f64>() / near.len().max(1) as f64;
-            let ears = short.iter().filter(|&&i| at_end(along[i])).count().min(3);
+            let ears = short.iter().filter(|&&i| within(i, HEAD_SHARE)).count().min(3);
             // What is set upright without legs, a fish for display, may have its head below.
             let height = if upright { 0.0 } else { graph.at(tip).y / graph.longest };
             THICK * mean.max(1e-3 * graph.longest).ln() + EARS * ears as f64 + HIGH * height
         };
-        score(&|s| s < HEAD_SHARE * whole, first) > score(&|s| s > (1.0 - HEAD_SHARE) * whole, last)
+        score(&|s| s, first) > score(&|s| whole - s, last)
     };
     if turn {
         trunk.reverse();
