@@ -1,20 +1,22 @@
 //! Rigs models and says how good the rigs are: `rigs [--sheet FILE.png] [--detail N] MODEL…`.
 //!
 //! A model beside whose file a `static.glb` with an artist's rig lies is compared with that rig (RigNet's measures). The sheet shows every
-//! model from the front, the side and above, with the rig in colour and the artist's in grey.
+//! model with skeleton and weights from the front and the side, and with all joints turned.
 // An example ends at the first thing that is wrong.
 #![allow(clippy::unwrap_used)]
 
 use animimic::metrics::skeleton_distance::{Bones, distances};
-use animimic::pictures::Studio;
-use animimic::scene::{Asset, Camera, Image, io};
-use animimic_render::{Light, overlay};
+use animimic::rigging::Sheet;
+use animimic::scene::{Asset, Image, io};
+use animimic_render::overlay;
 use animimic_rig::riggers::{self, RigOptions};
-use glam::DVec3;
+use glam::{DAffine3, DQuat};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-const SIDE_PX: u32 = 360;
+/// How far joints are turned for the bend test.
+const LIMB_BEND_RAD: f64 = 0.45;
+const TRUNK_BEND_RAD: f64 = 0.12;
 const WHITE: [u8; 3] = [244, 245, 246];
 
 fn main() {
@@ -60,7 +62,7 @@ fn main() {
             println!("  {}", names.join(" "));
         }
         if sheet.is_some() {
-            rows.push(row(&asset, artist.as_ref(), &label(path)));
+            rows.push(row(&asset, &label(path)));
         }
     }
     let median = |k: usize| {
@@ -87,16 +89,12 @@ fn crossing(asset: &Asset) -> f64 {
     crossed.count() as f64 / asset.rig.skin.influences.len() as f64
 }
 
+/// The model's name: that of its folder where the file's says nothing.
 fn label(path: &Path) -> String {
-    let name = |p: &Path| p.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let stem = name(path);
-    if stem.starts_with("static") || stem == "mesh" {
-        path.parent()
-            .map(|p| if stem == "mesh" { p.parent().map(name).unwrap_or_default() } else { name(p) })
-            .unwrap_or_default()
-    } else {
-        stem
-    }
+    let name =
+        |p: Option<&Path>| p.and_then(Path::file_stem).map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let stem = name(Some(path));
+    if stem.starts_with("static") { name(path.parent()) } else { stem }
 }
 
 /// The rig that an artist made for the same model, if it is there.
@@ -105,34 +103,30 @@ fn artist(path: &Path) -> Option<Asset> {
     (path.file_name()? == "static_norig.glb" && file.is_file()).then(|| io::read(file).unwrap())
 }
 
-fn row(asset: &Asset, artist: Option<&Asset>, name: &str) -> Image {
-    let mut out = Image::filled(3 * SIDE_PX as usize, SIDE_PX as usize, WHITE);
-    let (lo, hi) = asset.mesh.bounds();
-    let center = 0.5 * (lo + hi);
-    let studio = Studio::with_light(asset, Light::default()).unwrap();
-    for (k, (azimuth, elevation)) in [(0.0, 0.0), (90.0f64, 0.0), (0.0, 89.0f64)].into_iter().enumerate() {
-        let size = (hi - lo).max_element();
-        let camera =
-            Camera::orbit(center, 6.0 * size, azimuth.to_radians(), elevation.to_radians(), 0.19, SIDE_PX, SIDE_PX);
-        let (mut picture, _) = studio.draw(&camera, &asset.mesh.positions, WHITE);
-        let faint = Image::filled(picture.width, picture.height, WHITE);
-        picture.rgb.iter_mut().zip(&faint.rgb).for_each(|(p, f)| *p = [0, 1, 2].map(|c| p[c] / 3 + f[c] / 3 * 2));
-        artist.iter().for_each(|a| skeleton(&mut picture, &camera, &Bones::new(&a.rig), [120, 120, 120], [90, 90, 90]));
-        skeleton(&mut picture, &camera, &Bones::new(&asset.rig), [20, 60, 220], [210, 30, 30]);
-        overlay::paste(&mut out, &picture, k * SIDE_PX as usize, 0);
+/// Front and side at rest, and with all joints but the root turned: what bends badly shows.
+fn row(asset: &Asset, name: &str) -> Image {
+    let sheet = Sheet::new(asset).unwrap();
+    let skeleton = &asset.rig.skeleton;
+    let mut locals = skeleton.rest_locals();
+    let rest = skeleton.world_from_joint(&locals);
+    for (j, local) in locals.iter_mut().enumerate().skip(1) {
+        let name = &skeleton.joints[j].name;
+        let limb = ["leg", "arm", "wing", "ear", "fin"].iter().any(|w| name.starts_with(w));
+        local.rotation = DQuat::from_rotation_x(if limb { LIMB_BEND_RAD } else { TRUNK_BEND_RAD }) * local.rotation;
     }
-    overlay::text(&mut out, 4, 4, name, 1, [0; 3]);
+    let bent = skeleton.world_from_joint(&locals);
+    let places = |world: &[DAffine3]| world.iter().map(|w| w.translation).collect::<Vec<_>>();
+    let turned = 35.0f64.to_radians();
+    let views = [
+        sheet.view(0.0, 0.0, &asset.mesh.positions, &places(&rest)),
+        sheet.view(0.5 * std::f64::consts::PI, 0.0, &asset.mesh.positions, &places(&rest)),
+        sheet.view(turned, 0.3, &asset.rig.skinned(&bent), &places(&bent)),
+    ];
+    let (w, h) = (views[0].width, views[0].height);
+    let mut out = Image::filled(3 * w, h, WHITE);
+    views.iter().enumerate().for_each(|(k, view)| overlay::paste(&mut out, view, k * w, 0));
+    overlay::text(&mut out, 4, 4, name, 2, [0; 3]);
     out
-}
-
-fn skeleton(picture: &mut Image, camera: &Camera, bones: &Bones, line: [u8; 3], dot: [u8; 3]) {
-    let at = |p: DVec3| camera.project(p);
-    for [a, b] in &bones.bones {
-        overlay::line(picture, at(*a), at(*b), 1.5, line, 1.0);
-    }
-    for p in &bones.joints {
-        overlay::disc(picture, at(*p), 2.5, dot, 1.0);
-    }
 }
 
 fn stacked(rows: &[Image], columns: usize) -> Image {

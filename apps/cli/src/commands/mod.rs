@@ -42,6 +42,8 @@ commands! {
     still::Still,
     /// Have a video made of a model by a service or program of your choice
     generate::Generate,
+    /// Give an animated model soft tissue: its clip gains inertia and elasticity, and stays in the rig
+    soften::Soften,
     /// Fill a model with tetrahedra: VTU, MSH or npz
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving

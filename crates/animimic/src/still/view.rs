@@ -19,7 +19,7 @@ const PART_SEEN: f64 = 0.25;
 /// What lies farther behind the picture's depth than this is hidden [rest diagonal].
 const HIDDEN_BEHIND: f64 = 0.01;
 /// What a view loses when it looks from straight behind, against one from the front: faces matter to people and to video models.
-const FROM_BEHIND: f64 = 0.08;
+const FROM_BEHIND: f64 = 0.2;
 
 /// The view that shows most, and why in words.
 pub fn best(asset: &Asset, positions: &[DVec3], width: u32, height: u32) -> Result<(Camera, String), Error> {

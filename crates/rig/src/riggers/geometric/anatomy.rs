@@ -17,6 +17,14 @@ const LEG_DROP: f64 = 0.35;
 /// Legs whose places on the trunk differ by less than this share of its length are one pair or row.
 const SAME_ROW: f64 = 0.22;
 
+/// What speaks for the head's end of a lying trunk: logarithm of its thickness, each of up to three short chains on it, its height [longest side].
+const THICK: f64 = 1.0;
+const EARS: f64 = 0.4;
+const HIGH: f64 = 3.5;
+
+/// Legs on this first or last share of the trunk are at its end; its thickness is what tells head from tail.
+const LAST: f64 = 0.15;
+
 /// What the ways to a ball's centre and along the trunk count beside the way to the ball.
 const CENTRE: f64 = 0.3;
 const ALONG: f64 = 0.08;
@@ -56,6 +64,8 @@ pub(crate) struct Anatomy {
     pub pelvis: usize,
     /// Place of the foremost row of limbs before the pelvis, if there is one.
     pub chest: Option<usize>,
+    /// The trunk stands upright.
+    pub upright: bool,
     /// Unit vector to the body's left.
     pub left: DVec3,
 }
@@ -101,7 +111,7 @@ impl Anatomy {
         if let Some(m) = mirror {
             left = if m.normal.dot(left) < 0.0 { -m.normal } else { m.normal };
         }
-        Self { chains, roles, pelvis, chest, left }
+        Self { chains, roles, pelvis, chest, upright, left }
     }
 }
 
@@ -124,11 +134,17 @@ fn is_upright(graph: &Graph, trunk: &[usize]) -> bool {
     d.y.abs() > UPRIGHT * d.length()
 }
 
-/// Turns the trunk so that it ends in the head: the upper end of an upright one; else the thicker, higher end with more on it.
+/// Turns the trunk so that it ends in the head: the upper end of one that stands upright on legs, the end away from legs at the other end;
+/// else the thicker, higher end with more on it.
 fn head_last(graph: &Graph, mut trunk: Vec<usize>, heights: [f64; 2]) -> Vec<usize> {
     let (first, last) = (trunk[0], trunk[trunk.len() - 1]);
-    let turn = if is_upright(graph, &trunk) {
+    let upright = is_upright(graph, &trunk);
+    let standing = upright && stands(graph, &trunk, heights);
+    let turn = if standing {
         graph.at(first).y > graph.at(last).y
+    } else if let Some(share) = lone_row(graph, &trunk, heights).filter(|s| (s - 0.5).abs() > 0.5 - LAST) {
+        // Legs at the very end: the body ends there, however its other end hangs.
+        share > 0.5
     } else {
         let along = arc(graph, &trunk);
         let whole = along[along.len() - 1];
@@ -140,19 +156,41 @@ fn head_last(graph: &Graph, mut trunk: Vec<usize>, heights: [f64; 2]) -> Vec<usi
             .filter(|c| !is_leg(graph, c, heights))
             .filter_map(|c| c.parent.map(|p| p.1))
             .collect();
-        let score = |at_end: &dyn Fn(f64) -> bool, tip: usize| {
+        // `from_end` is the way from the end that is judged.
+        let score = |from_end: &dyn Fn(f64) -> f64, tip: usize| {
+            let within = |i: usize, share: f64| from_end(along[i]) < share * whole;
             let near: Vec<f64> =
-                (0..trunk.len()).filter(|&i| at_end(along[i])).map(|i| graph.radius(trunk[i])).collect();
+                (0..trunk.len()).filter(|&i| within(i, LAST)).map(|i| graph.radius(trunk[i])).collect();
             let mean = near.iter().sum::<f64>() / near.len().max(1) as f64;
-            let ears = short.iter().filter(|&&i| at_end(along[i])).count().min(3);
-            mean.max(1e-3 * graph.longest).ln() + 0.4 * ears as f64 + 3.0 * graph.at(tip).y / graph.longest
+            let ears = short.iter().filter(|&&i| within(i, HEAD_SHARE)).count().min(3);
+            // What is set upright without legs, a fish for display, may have its head below.
+            let height = if upright { 0.0 } else { graph.at(tip).y / graph.longest };
+            THICK * mean.max(1e-3 * graph.longest).ln() + EARS * ears as f64 + HIGH * height
         };
-        score(&|s| s < HEAD_SHARE * whole, first) > score(&|s| s > (1.0 - HEAD_SHARE) * whole, last)
+        score(&|s| s, first) > score(&|s| whole - s, last)
     };
     if turn {
         trunk.reverse();
     }
     trunk
+}
+
+/// Whether legs grow on the trunk.
+fn stands(graph: &Graph, trunk: &[usize], heights: [f64; 2]) -> bool {
+    let chains = graph.chains(trunk.to_vec());
+    chains.iter().any(|c| c.parent.is_some_and(|p| p.0 == 0) && is_leg(graph, c, heights))
+}
+
+/// Share of the trunk before the legs, if there is one row of them.
+fn lone_row(graph: &Graph, trunk: &[usize], heights: [f64; 2]) -> Option<f64> {
+    let chains = graph.chains(trunk.to_vec());
+    let along = arc(graph, trunk);
+    let on_trunk = |c: &usize| chains[*c].parent.is_some_and(|p| p.0 == 0);
+    let legs: Vec<usize> = (1..chains.len()).filter(on_trunk).filter(|&c| is_leg(graph, &chains[c], heights)).collect();
+    let share = |c: usize| along[place_on_trunk(graph, &chains, &chains[c])] / along[along.len() - 1];
+    let rows = rows(&legs, share);
+    let [row] = &rows[..] else { return None };
+    Some(row.iter().map(|&c| share(c)).sum::<f64>() / row.len() as f64)
 }
 
 fn is_leg(graph: &Graph, chain: &Chain, heights: [f64; 2]) -> bool {
@@ -212,7 +250,9 @@ fn role_of(graph: &Graph, chains: &[Chain], c: usize, rows: &[Vec<usize>], uprig
         return Role::Leg(row, rows.len());
     }
     let length = graph.length(&chains[c].nodes[chains[c].exit..]);
-    if share > 1.0 - HEAD_SHARE && length < SHORT * graph.longest && !(upright && share < 0.85) {
+    // Arms of what goes on two legs may be short and high; four legs leave no arms.
+    let head = if upright || rows.len() == 1 { 0.5 * HEAD_SHARE } else { HEAD_SHARE };
+    if share > 1.0 - head && length < SHORT * graph.longest {
         return Role::Ear;
     }
     if upright {

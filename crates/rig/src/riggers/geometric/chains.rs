@@ -11,8 +11,11 @@ const LEAST_SLENDERNESS: f64 = 0.9;
 /// times the thickest ball's radius.
 const NEAR_PLANE: f64 = 1.2;
 
-/// Two tips are partners if their ways differ in length and distance from the plane by less than this, both relative, together.
+/// Two tips are partners if their ways differ in length and distance from the plane by less than this, both relative, and the tips
+/// themselves, mirrored, in place [longest side], counted so much, together; and if they are not both in the plane [longest side].
 const PARTNERS: f64 = 0.8;
+const APART: f64 = 0.7;
+const BESIDE: f64 = 0.05;
 
 /// A way from tip to tip.
 #[derive(Clone, Debug)]
@@ -165,7 +168,10 @@ impl<'a> Graph<'a> {
             for &b in &tips[i + 1..] {
                 let lengths = (level(a) - level(b)).abs() / level(a).max(level(b));
                 let sides = (side(a) + side(b)).abs() / (side(a).abs() + side(b).abs() + 0.05 * self.longest);
-                let apart = mirror.image(self.at(a)).distance(self.at(b)) / self.longest;
+                let apart = APART * mirror.image(self.at(a)).distance(self.at(b)) / self.longest;
+                if side(a).abs() + side(b).abs() < BESIDE * self.longest {
+                    continue;
+                }
                 likely.push((lengths + sides + apart, [a, b]));
             }
         }

@@ -113,6 +113,11 @@ impl Grid {
                 }
             }
         });
+        // Soups may wind around points of the margin; what is there is outside by definition.
+        for (i, inside) in out.iter_mut().enumerate() {
+            let v = self.voxel(i);
+            *inside &= (0..3).all(|k| v[k] > 0 && v[k] + 1 < self.size[k]);
+        }
         out
     }
 

@@ -11,6 +11,9 @@ const TAIL_BONE: f64 = 0.085;
 const LIMB_BONE: f64 = 0.08;
 const TWIG_BONE: f64 = 0.08;
 
+/// From this fineness on limbs may have more bones than bodies have joints.
+const FINE: f64 = 1.2;
+
 /// Where limbs of 1, 2, 3, 4 bones bend if nothing shows it: shares of their length.
 const PROPORTIONS: [&[f64]; 4] = [&[], &[0.48], &[0.43, 0.8], &[0.36, 0.66, 0.86]];
 
@@ -176,13 +179,8 @@ impl Builder<'_> {
         let hip = self.hip(c, &along);
         let place = if on == 0 { place_on_trunk(self.graph, &self.anatomy.chains, chain) } else { place };
         let parent = self.owner[on][place];
-        let length = along[along.len() - 1] - along[hip];
-        let (bone, least) = match role {
-            Role::Leg(..) | Role::Arm | Role::Wing => (LIMB_BONE, 2),
-            Role::Trunk | Role::Ear | Role::TailFin | Role::Fin | Role::Twig => (TWIG_BONE, 1),
-        };
-        let wanted = (length / (bone * self.graph.longest / self.fineness)).round() as usize;
-        let count = wanted.clamp(least, if self.fineness > 1.2 { 6 } else { 4 });
+        let least = least_bones(role);
+        let count = self.bones(role);
         let places = bends(&nodes[hip..].iter().map(|&k| self.graph.at(k)).collect::<Vec<_>>(), count);
         self.owner.push(vec![parent; nodes.len()]);
         let first = self.drafts.len();
@@ -197,6 +195,28 @@ impl Builder<'_> {
             self.owner[c][hip + p..].fill(last);
         }
         self.carry(c, first);
+    }
+
+    /// Bones of a limb: as many as fit its length, the same for all limbs of a kind, because partners bend alike.
+    fn bones(&self, role: Role) -> usize {
+        let bone = if least_bones(role) > 1 { LIMB_BONE } else { TWIG_BONE };
+        let mut wanted: Vec<usize> = (1..self.anatomy.chains.len())
+            .filter(|&c| self.anatomy.roles[c] == role)
+            .map(|c| {
+                let along = arc(self.graph, &self.anatomy.chains[c].nodes);
+                let length = along[along.len() - 1] - along[self.hip(c, &along)];
+                (length / (bone * self.graph.longest / self.fineness)).round() as usize
+            })
+            .collect();
+        wanted.sort_unstable();
+        let usual = wanted.get(wanted.len() / 2).copied().unwrap_or(1);
+        let most = match role {
+            // Of those who walk upright, the limbs bend at elbow and wrist, knee and ankle.
+            Role::Leg(..) | Role::Arm if self.anatomy.upright && self.fineness < FINE => 3,
+            _ if self.fineness < FINE => 4,
+            _ => 6,
+        };
+        usual.clamp(least_bones(role), most)
     }
 
     /// Place where a limb comes out of what it grows on.
@@ -255,6 +275,14 @@ impl Builder<'_> {
                 self.drafts[joint].seeds.push((self.graph.at(k), self.graph.radius(k).min(most)));
             }
         }
+    }
+}
+
+/// Bones of a limb at least.
+fn least_bones(role: Role) -> usize {
+    match role {
+        Role::Leg(..) | Role::Arm | Role::Wing => 2,
+        Role::Trunk | Role::Ear | Role::TailFin | Role::Fin | Role::Twig => 1,
     }
 }
 

@@ -1,4 +1,4 @@
-//! The vertical plane that maps a surface onto itself, if there is one.
+//! The plane that maps a surface onto itself, if there is one: an upright one, as bodies that stand have, or a level one.
 
 use animimic_scene::solid::Soup;
 use glam::DVec3;
@@ -27,7 +27,7 @@ const AXIS: f64 = 0.08;
 /// A plane of symmetry.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Mirror {
-    /// Unit normal, horizontal.
+    /// Unit normal.
     pub normal: DVec3,
     /// normal · x for points x of the plane.
     pub offset: f64,
@@ -75,14 +75,8 @@ impl Mirror {
             hits as f64 / tried.len().max(1) as f64
         };
         let mut best: Option<(f64, Mirror)> = None;
-        for k in 0..DIRECTIONS {
-            let angle = PI * k as f64 / DIRECTIONS as f64;
-            // Exact axes stay exact: the grid is then laid symmetrically to the plane.
-            let normal = match 2 * k {
-                0 => DVec3::X,
-                n if n == DIRECTIONS => DVec3::Z,
-                _ => DVec3::new(angle.cos(), 0.0, angle.sin()),
-            };
+        // What lies on its side is symmetric about a level plane.
+        for normal in (0..DIRECTIONS).map(upright_normal).chain([DVec3::Y]) {
             let along = points.iter().map(|p| normal.dot(*p));
             let lo = along.clone().fold(f64::INFINITY, f64::min);
             let hi = along.clone().fold(f64::NEG_INFINITY, f64::max);
@@ -91,7 +85,7 @@ impl Mirror {
                 .chain((-OFFSETS.0..=OFFSETS.0).map(|k| mean + f64::from(k) * OFFSETS.1 * longest));
             for offset in tries {
                 let mirror = Mirror { normal, offset, exact: false };
-                let s = score(&mirror, 4) + if mirror.axis().is_some() { AXIS } else { 0.0 };
+                let s = score(&mirror, 4) + if mirror.axis().is_some_and(|a| a.0 != 1) { AXIS } else { 0.0 };
                 if best.as_ref().is_none_or(|b| s > b.0 + 1e-9) {
                     best = Some((s, mirror));
                 }
@@ -100,6 +94,16 @@ impl Mirror {
         let (_, mirror) = best?;
         let share = score(&mirror, 1);
         (share > BODY).then_some(Mirror { exact: share > EXACT, ..mirror })
+    }
+}
+
+/// One of the horizontal directions. Exact axes stay exact: the grid is then laid symmetrically to the plane.
+fn upright_normal(k: usize) -> DVec3 {
+    let angle = PI * k as f64 / DIRECTIONS as f64;
+    match 2 * k {
+        0 => DVec3::X,
+        n if n == DIRECTIONS => DVec3::Z,
+        _ => DVec3::new(angle.cos(), 0.0, angle.sin()),
     }
 }
 
