@@ -62,8 +62,8 @@ impl Finding {
     }
 }
 
-/// Memory that one run of the default quality may take [bytes]: the largest measured, twice over.
-const WANTED_MEMORY: u64 = 2 << 30;
+/// Free memory below which is warned [bytes]: a choice, five times what six frames of the example took.
+const WANTED_MEMORY: u64 = 1 << 30;
 /// Room that a run may take in the temporary folder [bytes].
 const WANTED_ROOM: u64 = 1 << 30;
 
@@ -97,7 +97,7 @@ fn memory() -> Finding {
     Finding::new("memory", format!("{} of {} free", gib(free), gib(total))).unless(
         free >= WANTED_MEMORY,
         State::Lacking,
-        format!("close other programs, or use --height 256 and fewer --frames: a run may take {}", gib(WANTED_MEMORY)),
+        "close other programs, or work on less at once: --height 256, fewer --frames",
     )
 }
 

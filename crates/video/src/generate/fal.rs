@@ -7,7 +7,7 @@ pub struct Fal;
 
 const ABOUT: About = About {
     name: "fal",
-    summary: "fal.ai: many models by name (--model fal-ai/…/image-to-video)",
+    summary: "fal.ai: many models by name (--service-model fal-ai/…/image-to-video)",
     keys: &[Key { variables: &["ANIMIMIC_FAL_KEY", "FAL_KEY"] }],
     url: "https://queue.fal.run",
     model: "fal-ai/kling-video/v2.1/standard/image-to-video",

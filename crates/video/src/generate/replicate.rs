@@ -7,7 +7,7 @@ pub struct Replicate;
 
 const ABOUT: About = About {
     name: "replicate",
-    summary: "Replicate: many models by name (--model owner/name or owner/name:version)",
+    summary: "Replicate: many models by name (--service-model owner/name or owner/name:version)",
     keys: &[Key { variables: &["ANIMIMIC_REPLICATE_API_TOKEN", "REPLICATE_API_TOKEN"] }],
     url: "https://api.replicate.com",
     model: "wan-video/wan-2.2-i2v-fast",
