@@ -7,6 +7,8 @@
 //! Units: lengths are scaled so that the rest diagonal is `size_m` (1 m unless said otherwise).
 
 pub mod bones;
+pub mod clusters;
+pub mod estimate;
 pub mod holds;
 pub mod motion;
 pub mod surface;

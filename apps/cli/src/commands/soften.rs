@@ -1,0 +1,63 @@
+use crate::bar::Bar;
+use crate::{Common, out};
+use animimic::Physics;
+use animimic::sim::tet::DEFAULT_TETS;
+use animimic::soften::Softness;
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct Soften {
+    /// The animated model: GLB or glTF with a skeleton and a clip
+    model: PathBuf,
+    /// Folder for softened.glb, views.mp4 and report.json; made if absent
+    #[arg(short, long, value_name = "DIR")]
+    out: PathBuf,
+    /// Stiffness in pascals, or flesh, rubber, jelly, fat; MATERIAL=VALUE for one material, several may be given [default: flesh]
+    #[arg(long = "young", value_name = "VALUE|MATERIAL=VALUE")]
+    softness: Vec<Softness>,
+    /// Name of a joint that does not hold what hangs on it (a tail, ears, a cape); several may be given
+    #[arg(long = "loose", value_name = "JOINT")]
+    loose: Vec<String>,
+    /// How many tets are simulated, about
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_TETS)]
+    tets: usize,
+    /// Length of the model's diagonal [m]: larger things sway more slowly
+    #[arg(long, value_name = "M", default_value_t = 1.0)]
+    size_m: f64,
+    /// How fast sway dies down [1/s]
+    #[arg(long, value_name = "RATE", default_value_t = 0.0)]
+    damping: f64,
+    /// The clip [default: the first]
+    #[arg(long, value_name = "NAME")]
+    clip: Option<String>,
+    /// Frames per second of the result
+    #[arg(long, value_name = "FPS", default_value_t = 30.0)]
+    fps: f64,
+    /// Height of each view in views.mp4 [px]
+    #[arg(long, value_name = "PX", default_value_t = 512)]
+    height: usize,
+    /// How the soft motion is written (see `animimic list physics`)
+    #[arg(long, value_name = "NAME", default_value_t = Physics::default())]
+    physics: Physics,
+}
+
+impl Soften {
+    pub fn run(&self, common: &Common) -> anyhow::Result<()> {
+        let job = animimic::soften::Soften {
+            clip: self.clip.clone(),
+            softness: self.softness.clone(),
+            tets: self.tets,
+            size_m: self.size_m,
+            loose: self.loose.clone(),
+            damping: self.damping,
+            fps: self.fps,
+            physics: self.physics,
+            height_px: self.height,
+            ..animimic::soften::Soften::new(&self.model, &self.out)
+        };
+        let mut bar = Bar::new(common);
+        let report = animimic::soften::soften(&job, &mut |e| bar.on_event(e))?;
+        drop(bar);
+        out::print(common, &report, || out::lines(&report) + &format!("{}\n", self.out.join("softened.glb").display()))
+    }
+}

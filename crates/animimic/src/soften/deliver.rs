@@ -1,0 +1,96 @@
+//! Writes the files of a softened clip.
+
+use super::{Soften, Softened};
+use crate::Error;
+use crate::event::{Event, Progress, tell};
+use crate::physics::{Delivery, deliver};
+use crate::pictures::Studio;
+use animimic_render::overlay;
+use animimic_scene::io::gltf::ExportOptions;
+use animimic_scene::{Asset, Camera, Image, io};
+use glam::DVec3;
+use serde_json::{Value, json};
+use std::io::Write;
+
+const BACKGROUND: [u8; 3] = [226, 228, 230];
+const INK: [u8; 3] = [40, 40, 48];
+/// The view: from the front and a little above, so that depth shows [rad], and how much room is left around.
+const AZIMUTH: f64 = 0.7;
+const ELEVATION: f64 = 0.2;
+const FIELD_OF_VIEW: f64 = 0.6;
+const ROOM: f64 = 1.05;
+
+/// Writes all files; returns the report.
+pub fn write(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progress) -> Result<Value, Error> {
+    std::fs::create_dir_all(&job.out).map_err(Error::io(&job.out))?;
+    let glb = job.out.join("softened.glb");
+    let report = report(job, asset, softened);
+    let options = ExportOptions { extras: report.clone(), ..Default::default() };
+    let clips = [softened.refined()];
+    let delivered = deliver(job.physics, &Delivery { asset, clips: &clips, glb: &glb, options })?;
+    views(job, asset, softened, progress)?;
+    let mut report = report;
+    report["export"] = delivered.to_json();
+    report["simulated_s"] = softened.simulated_s.into();
+    let text = serde_json::to_string_pretty(&report).expect("a report has string keys and finite numbers") + "\n";
+    io::write_atomically(job.out.join("report.json"), |w| w.write_all(text.as_bytes()))?;
+    Ok(report)
+}
+
+fn report(job: &Soften, asset: &Asset, softened: &Softened) -> Value {
+    let (r, y) = (&softened.simulation, &softened.yielded);
+    let diagonal = asset.mesh.diagonal();
+    let pairs = softened.skinned.iter().flatten().zip(softened.soft.iter().flatten());
+    let (sum, count) = pairs.fold((0.0, 0usize), |(s, n), (a, b)| (s + a.distance_squared(*b), n + 1));
+    let names: Vec<String> =
+        job.softness.iter().map(|s| format!("{}={:e}", s.material.as_deref().unwrap_or("all"), s.young)).collect();
+    json!({
+        "program": concat!("animimic ", env!("CARGO_PKG_VERSION")),
+        "clip": softened.motion.name, "frames": softened.motion.poses.len(), "fps": softened.motion.fps,
+        "young": names, "size_m": job.size_m, "loose": job.loose, "damping": job.damping,
+        "tets": softened.tets, "steps_per_frame": r.substeps, "newton_iterations": r.newton,
+        "inverted_tets": r.inverted, "volume_change": r.volume_change,
+        "missed_steps": r.unconverged.iter().map(|(frame, speed)| json!({"frame": frame, "speed_m_per_s": speed})).collect::<Vec<_>>(),
+        "from_skinning_rms_percent": 100.0 * (sum / count.max(1) as f64).sqrt() / diagonal,
+        "self_intersections_skinned": y.skinned_pairs, "self_intersections_before": y.soft_pairs,
+        "self_intersections": y.pairs, "yielded_share": y.share,
+    })
+}
+
+/// Skinning and soft tissue side by side.
+fn views(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progress) -> Result<(), Error> {
+    let studio = Studio::with_light(asset, Default::default())?;
+    let side = job.height_px;
+    let camera = camera(&softened.skinned, side as u32);
+    let frames = softened.soft.len();
+    let draw = |t: usize| {
+        let mut out = Image::filled(2 * side, side, BACKGROUND);
+        for (k, (surface, label)) in [(&softened.skinned, "skinning"), (&softened.soft, "soft")].into_iter().enumerate()
+        {
+            overlay::paste(&mut out, &studio.draw(&camera, &surface[t], BACKGROUND).0, k * side, 0);
+            overlay::text(&mut out, k * side + 8, 8, label, 1, INK);
+        }
+        out
+    };
+    let path = job.out.join("views.mp4");
+    let mut stop = Ok(());
+    let mut drawn = (0..frames).map_while(|t| {
+        stop = tell(progress, Event::Step { done: t as f64 / frames as f64, loss: None });
+        stop.is_ok().then(|| draw(t))
+    });
+    let written = animimic_video::write_mp4(&path, &mut drawn, softened.motion.fps);
+    if stop.is_err() {
+        // It may not have been written at all.
+        let _ = std::fs::remove_file(&path);
+    }
+    stop?;
+    Ok(written?)
+}
+
+/// A square view that sees the whole clip.
+fn camera(frames: &[Vec<DVec3>], side: u32) -> Camera {
+    let all: Vec<DVec3> = frames.iter().map(|f| animimic_scene::mesh::bounds(f)).flat_map(|(a, b)| [a, b]).collect();
+    let (low, high) = animimic_scene::mesh::bounds(&all);
+    let distance = ROOM * 0.5 * low.distance(high) / (0.5 * FIELD_OF_VIEW).sin();
+    Camera::orbit(0.5 * (low + high), distance, AZIMUTH, ELEVATION, FIELD_OF_VIEW, side, side)
+}
