@@ -146,7 +146,8 @@ impl Problem<'_, '_> {
     /// # Errors
     /// As [`Tissue::simulate`]; no evidence at all.
     pub fn fit(&self, prior: &Elasticity, iterations: usize) -> Result<Estimate, FitError> {
-        if self.prior_deviations.len() != prior.ln_youngs.len() || self.prior_deviations.iter().any(|d| !(*d > 0.0)) {
+        let positive = self.prior_deviations.iter().all(|d| *d > 0.0);
+        if self.prior_deviations.len() != prior.ln_youngs.len() || !positive {
             return Err(FitError::Input("a prior needs one positive deviation for every cluster".into()));
         }
         let mut now = self.scan(prior)?;
