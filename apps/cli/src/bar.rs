@@ -2,10 +2,11 @@
 
 use crate::Common;
 use animimic::Event;
+use animimic::generate::Host;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
@@ -26,6 +27,9 @@ pub fn catch_interrupts() -> anyhow::Result<()> {
 pub struct Bar {
     bar: Option<ProgressBar>,
 }
+
+/// Longest time that a Ctrl-C goes unseen while waiting.
+const INTERRUPT_DELAY: Duration = Duration::from_millis(50);
 
 /// Steps of the bar: shares are shown to a thousandth.
 const STEPS: u64 = 1000;
@@ -61,6 +65,34 @@ impl Bar {
             }
         }
         if INTERRUPTED.load(Ordering::SeqCst) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
+/// The world of [`animimic::generate`]: the clock, sleep that Ctrl-C ends, the environment, and news for the bar.
+impl Host for Bar {
+    fn unix_secs(&self) -> u64 {
+        SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())
+    }
+
+    fn wait(&mut self, secs: f64) -> ControlFlow<()> {
+        let end = Instant::now() + Duration::from_secs_f64(secs.max(0.0));
+        while !INTERRUPTED.load(Ordering::SeqCst) {
+            let left = end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return ControlFlow::Continue(());
+            }
+            std::thread::sleep(left.min(INTERRUPT_DELAY));
+        }
+        ControlFlow::Break(())
+    }
+
+    fn variable(&self, name: &str) -> Option<String> {
+        std::env::var(name).ok()
+    }
+
+    fn news(&mut self, words: &'static str) {
+        // Whether to stop is asked by `wait`.
+        let _ = self.on_event(Event::Stage { name: words });
     }
 }
 

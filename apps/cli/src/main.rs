@@ -91,7 +91,7 @@ mod tests {
                     panic!("{name}: {other} and {} have the same help", argument.get_id());
                 }
             }
-            assert!(!seen.is_empty() || name == "help");
+            assert!(!seen.is_empty() || ["help", "doctor"].contains(&name.as_str()), "{name} takes nothing");
         }
     }
 

@@ -44,7 +44,7 @@ fn wrong_usage_ends_with_2_and_help_with_0() {
 
 #[test]
 fn lists_print_json_for_machines() {
-    for kind in ["formats", "metrics", "cameras", "cues", "presets", "riggers", "models", "physics"] {
+    for kind in ["formats", "metrics", "cameras", "cues", "presets", "riggers", "models", "physics", "providers"] {
         let out = animimic(&["list", kind, "--json"]);
         let rows: Value = serde_json::from_slice(&out.stdout).unwrap();
         let least = if kind == "presets" { 2 } else { 3 };

@@ -10,7 +10,7 @@ pub enum Error {
     Scene(#[from] animimic_scene::io::SceneError),
     /// A video.
     #[error(transparent)]
-    Video(#[from] animimic_video::VideoError),
+    Video(animimic_video::VideoError),
     /// A mesh that cannot be drawn.
     #[error(transparent)]
     Render(#[from] animimic_render::RenderError),
@@ -47,6 +47,15 @@ impl From<animimic_fit::FitError> for Error {
         match e {
             animimic_fit::FitError::Stopped => Self::Cancelled,
             other => Self::Fit(other),
+        }
+    }
+}
+
+impl From<animimic_video::VideoError> for Error {
+    fn from(e: animimic_video::VideoError) -> Self {
+        match e {
+            animimic_video::VideoError::Stopped => Self::Cancelled,
+            other => Self::Video(other),
         }
     }
 }

@@ -7,10 +7,12 @@
 pub mod animate;
 pub mod camera;
 pub mod cues;
+pub mod doctor;
 pub mod error;
 pub mod evaluate;
 pub mod event;
 pub mod example;
+pub mod generate;
 pub mod measure;
 pub mod metrics;
 pub mod physics;

@@ -42,6 +42,17 @@ pub enum VideoError {
         /// What exceeds which limit, and what to do.
         reason: String,
     },
+    /// A service or program that makes videos refused, failed, or cannot be understood. Holds no key.
+    #[error("{provider}: {reason}")]
+    Provider {
+        /// The provider's name.
+        provider: &'static str,
+        /// What happened, and what to do.
+        reason: String,
+    },
+    /// The user asked to stop.
+    #[error("stopped on request; nothing was left half-written")]
+    Stopped,
     /// The caller asked for something that makes no sense.
     #[error("{0}")]
     Caller(String),

@@ -1,4 +1,4 @@
-//! Videos: decode and encode, optical flow, and the cues read from them (masks, tracks).
+//! Videos: decode and encode, optical flow, the cues read from them (masks, tracks), and services that make them of stills.
 //!
 //! Mesh deformation is deliberately absent: others see only [`animimic_scene::Video`] and [`animimic_scene::Cues`].
 #![deny(missing_docs)]
@@ -8,6 +8,7 @@ pub mod cues;
 mod cut;
 pub mod error;
 pub mod flow;
+pub mod generate;
 pub mod h264;
 pub mod pixels;
 mod quiet;

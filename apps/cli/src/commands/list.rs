@@ -24,6 +24,8 @@ enum Kind {
     Models,
     /// Ways to deliver motion that goes beyond the skeleton
     Physics,
+    /// Services and programs that make a video of a still
+    Providers,
 }
 
 impl List {
@@ -49,6 +51,10 @@ impl List {
             Kind::Physics => {
                 animimic::physics::ENCODINGS.iter().map(|e| (e.name().to_owned(), e.summary().to_owned())).collect()
             }
+            Kind::Providers => animimic::generate::PROVIDERS
+                .iter()
+                .map(|p| (p.about().name.to_owned(), p.about().summary.to_owned()))
+                .collect(),
             Kind::Riggers => {
                 animimic::RIGGERS.iter().map(|r| (r.name().to_owned(), r.summary().to_owned())).collect()
             }

@@ -40,12 +40,16 @@ commands! {
     rig::Rig,
     /// Draw the picture that an image-to-video model starts from, with its camera
     still::Still,
+    /// Have a video made of a model by a service or program of your choice
+    generate::Generate,
     /// Give an animated model soft tissue: its clip gains inertia and elasticity, and stays in the rig
     soften::Soften,
     /// Fill a model with tetrahedra: VTU, MSH or npz
     tet::Tet,
     /// Make the example: a creature, its camera and a video of it moving
     example::Example,
-    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models, physics
+    /// Say what this machine offers, and how to get what it lacks
+    doctor::Doctor,
+    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models, physics, providers
     list::List,
 }

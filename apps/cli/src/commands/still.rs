@@ -20,7 +20,7 @@ pub struct Still {
     background: Option<[u8; 3]>,
 }
 
-fn size(text: &str) -> Result<[u32; 2], String> {
+pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |s: &str| s.parse::<u32>().map_err(|_| "a size is WIDTHxHEIGHT, such as 1280x720".to_owned());
     let (w, h) = text.split_once('x').ok_or("a size is WIDTHxHEIGHT, such as 1280x720")?;
     Ok([side(w)?, side(h)?])
