@@ -33,7 +33,8 @@ fn a_clip_gains_soft_tissue_and_stays_in_the_rig() {
     assert!(number("volume_change") < 0.05);
     assert!(number("self_intersections") <= number("self_intersections_skinned"));
     assert!(number("from_skinning_rms_percent") > 0.1, "jelly sways");
-    assert!(report["export"]["residual_percent"]["p99"].as_f64().unwrap() < 0.6);
+    let rms = |key: &str| report["export"][key]["rms"].as_f64().unwrap();
+    assert!(rms("residual_percent") < 0.5 * rms("skinned_percent"), "helper bones carry most of it");
     let (before, after) = (io::read(&job.model).unwrap(), io::read(job.out.join("softened.glb")).unwrap());
     assert!(gltf::clips(&after).unwrap().iter().any(|c| c.name == "2_move"), "the clip keeps its name");
     assert_eq!(before.mesh.positions.len(), after.mesh.positions.len());

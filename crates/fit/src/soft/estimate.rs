@@ -64,8 +64,8 @@ pub struct Problem<'a, 'b> {
     pub evidence: &'a dyn Evidence,
     /// Steps per frame, constant: the loss must not jump.
     pub substeps: usize,
-    /// Width of the prior of ln E.
-    pub prior_deviation: f64,
+    /// Width of the prior of ln E, per cluster; a small one keeps what is known.
+    pub prior_deviations: &'a [f64],
 }
 
 /// A fitted material.
@@ -97,6 +97,9 @@ const TRIES: usize = 6;
 const SETTLED: f64 = 1e-4;
 /// Changes of ln E of all clusters together that are tried first, and dampings with each [1/s].
 const SCAN: ([f64; 5], [f64; 3]) = ([-2.5, -1.2, 0.0, 1.2, 2.5], [0.0, 2.0, 8.0]);
+
+/// Clusters with a prior at least this wide take part in the scan.
+const OPEN: f64 = 0.5;
 
 /// A simulated motion with its comparison.
 struct State {
@@ -143,6 +146,10 @@ impl Problem<'_, '_> {
     /// # Errors
     /// As [`Tissue::simulate`]; no evidence at all.
     pub fn fit(&self, prior: &Elasticity, iterations: usize) -> Result<Estimate, FitError> {
+        let positive = self.prior_deviations.iter().all(|d| *d > 0.0);
+        if self.prior_deviations.len() != prior.ln_youngs.len() || !positive {
+            return Err(FitError::Input("a prior needs one positive deviation for every cluster".into()));
+        }
         let mut now = self.scan(prior)?;
         let count: f64 = now.residuals.iter().flatten().map(|r| r.weight).sum();
         if count <= 0.0 {
@@ -194,7 +201,8 @@ impl Problem<'_, '_> {
         for damping in SCAN.1 {
             for change in SCAN.0 {
                 let mut trial = prior.clone();
-                trial.ln_youngs.iter_mut().for_each(|l| *l += change);
+                let open = self.prior_deviations.iter().map(|d| f64::from(u8::from(*d >= OPEN)));
+                trial.ln_youngs.iter_mut().zip(open).for_each(|(l, o)| *l += o * change);
                 let state = self.run(trial, damping)?;
                 if best.as_ref().is_none_or(|b| state.squares() < b.squares()) {
                     best = Some(state);
@@ -214,8 +222,9 @@ impl Problem<'_, '_> {
 
     /// Σ w r²/s² and the priors.
     fn objective(&self, state: &State, prior: &Elasticity, scale: f64) -> f64 {
-        let away = |(a, b): (&f64, &f64)| ((a - b) / self.prior_deviation).powi(2);
-        let material: f64 = state.elasticity.ln_youngs.iter().zip(&prior.ln_youngs).map(away).sum();
+        let away = |((a, b), d): ((&f64, &f64), &f64)| ((a - b) / d).powi(2);
+        let pairs = state.elasticity.ln_youngs.iter().zip(&prior.ln_youngs).zip(self.prior_deviations);
+        let material: f64 = pairs.map(away).sum();
         state.squares() / (scale * scale).max(f64::MIN_POSITIVE)
             + material
             + (state.damping / DAMPING_DEVIATION).powi(2)
@@ -247,7 +256,7 @@ impl Problem<'_, '_> {
         }
         for c in 0..clusters {
             let away = now.elasticity.ln_youngs[c] - prior.ln_youngs[c];
-            normal.add_prior(c, away, self.prior_deviation);
+            normal.add_prior(c, away, self.prior_deviations[c]);
         }
         normal.add_prior(clusters, now.damping, DAMPING_DEVIATION);
         Ok(normal)
