@@ -215,7 +215,11 @@ impl<'a> Graph<'a> {
                     .position(|&k| k == base)
                     .map(|i| (c, i + usize::from(c > 0)))
             });
-            let Some(owner) = owner else { continue };
+            let Some(mut owner) = owner else { continue };
+            // What parts from a limb before that comes out of the trunk is a limb of the trunk itself.
+            while let Some(above) = chains[owner.0].parent.filter(|_| owner.1 < chains[owner.0].exit) {
+                owner = above;
+            }
             let exit = self.exit(&nodes, &chains[owner.0].nodes);
             chains.push(Chain { nodes, parent: Some(owner), exit });
         }

@@ -179,7 +179,7 @@ impl Builder<'_> {
         let hip = self.hip(c, &along);
         let place = if on == 0 { place_on_trunk(self.graph, &self.anatomy.chains, chain) } else { place };
         let parent = self.owner[on][place];
-        let least = least_bones(role);
+        let least = self.least_bones(role);
         let count = self.bones(role);
         let places = bends(&nodes[hip..].iter().map(|&k| self.graph.at(k)).collect::<Vec<_>>(), count);
         self.owner.push(vec![parent; nodes.len()]);
@@ -197,9 +197,18 @@ impl Builder<'_> {
         self.carry(c, first);
     }
 
+    /// Bones of a limb at least: legs and arms have three, unless few are wanted.
+    fn least_bones(&self, role: Role) -> usize {
+        match role {
+            Role::Leg(..) | Role::Arm | Role::Wing if self.fineness >= 1.0 => 3,
+            Role::Leg(..) | Role::Arm | Role::Wing => 2,
+            Role::Trunk | Role::Ear | Role::TailFin | Role::Fin | Role::Twig => 1,
+        }
+    }
+
     /// Bones of a limb: as many as fit its length, the same for all limbs of a kind, because partners bend alike.
     fn bones(&self, role: Role) -> usize {
-        let bone = if least_bones(role) > 1 { LIMB_BONE } else { TWIG_BONE };
+        let bone = if self.least_bones(role) > 1 { LIMB_BONE } else { TWIG_BONE };
         let mut wanted: Vec<usize> = (1..self.anatomy.chains.len())
             .filter(|&c| self.anatomy.roles[c] == role)
             .map(|c| {
@@ -216,7 +225,7 @@ impl Builder<'_> {
             _ if self.fineness < FINE => 4,
             _ => 6,
         };
-        usual.clamp(least_bones(role), most)
+        usual.clamp(self.least_bones(role), most)
     }
 
     /// Place where a limb comes out of what it grows on.
@@ -275,14 +284,6 @@ impl Builder<'_> {
                 self.drafts[joint].seeds.push((self.graph.at(k), self.graph.radius(k).min(most)));
             }
         }
-    }
-}
-
-/// Bones of a limb at least.
-fn least_bones(role: Role) -> usize {
-    match role {
-        Role::Leg(..) | Role::Arm | Role::Wing => 2,
-        Role::Trunk | Role::Ear | Role::TailFin | Role::Fin | Role::Twig => 1,
     }
 }
 
