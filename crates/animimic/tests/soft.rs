@@ -158,7 +158,7 @@ fn stiffness_fitted_to_true_vertices_brings_the_soft_tails_back() {
             poses: &motion.poses,
             fps: motion.fps,
             evidence: &evidence,
-            substeps: 1,
+            substeps: 2,
             prior_deviations: &[1e-3, 2.3, 2.3],
         };
         let found = problem.fit(&prior, 6).unwrap();
