@@ -3,6 +3,7 @@ use crate::{Common, out};
 use animimic::Physics;
 use animimic::sim::tet::DEFAULT_TETS;
 use animimic::soften::Softness;
+use serde_json::Value;
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -58,6 +59,29 @@ impl Soften {
         let mut bar = Bar::new(common);
         let report = animimic::soften::soften(&job, &mut |e| bar.on_event(e))?;
         drop(bar);
-        out::print(common, &report, || out::lines(&report) + &format!("{}\n", self.out.join("softened.glb").display()))
+        out::print(common, &report, || words(&report) + &format!("{}\n", self.out.join("softened.glb").display()))
     }
+}
+
+/// A report in a few lines for people.
+fn words(report: &Value) -> String {
+    let number = |path: &str| report.pointer(path).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let text = |path: &str| report.pointer(path).and_then(Value::as_str).unwrap_or_default();
+    let carrier = Some(text("/export/carrier")).filter(|c| !c.is_empty()).map_or_else(String::new, |c| format!(" ({c})"));
+    format!(
+        "{}: {} frames, {} tets, {} inverted, volume within {:.1} %\n\
+         surface {:.2} % of the diagonal from skinning (rms); crossing triangles {} -> {} over the clip\n\
+         physics as {}{carrier}: residual rms {:.3} %, p99 {:.3} %\n",
+        text("/clip"),
+        number("/frames"),
+        number("/tets"),
+        number("/inverted_tets"),
+        100.0 * number("/volume_change"),
+        number("/from_skinning_rms_percent"),
+        number("/self_intersections_skinned"),
+        number("/self_intersections"),
+        text("/export/encoding"),
+        number("/export/residual_percent/rms"),
+        number("/export/residual_percent/p99"),
+    )
 }

@@ -2,7 +2,7 @@
 //!
 //! Around the solution the energy is a parabola, and its inverse curvature the covariance of what was estimated (Laplace's
 //! approximation), up to one scale: how noisy a residual is, and how many of a frame's residuals are independent. That scale
-//! comes from motions that are known ([`NOISE`]). Where a frame looks less like the video than frame 0 does, it grows with that.
+//! comes from motions that are known. Where a frame looks less like the video than frame 0 does, it grows with that.
 //! What a parabola does not know of, such as a limb that leans the other way in depth, is not in it.
 
 use super::solve::Stage;

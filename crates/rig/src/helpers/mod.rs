@@ -7,8 +7,8 @@
 //! E = Σ_f ω_f Σ_v ‖ Σ_k w_vk M_k,f X_v + Σ_h w_vh D_h,f A_h X_v − y_v,f ‖²,   w ≥ 0, Σ w = 1, at most four not 0,
 //!
 //! is small. `A_h` is the rest map of the slot that helper h is born on, so D_h = I is to stay with the displayed rest. Block descent:
-//! transforms by weighted Procrustes frame by frame ([`transforms`]), weights by an active set vertex by vertex ([`weights`]); new helpers are
-//! put where the error is largest ([`seed`]) until the goal is met.
+//! transforms by weighted Procrustes frame by frame (`transforms`), weights by an active set vertex by vertex (`weights`); new helpers are
+//! put where the error is largest (`seed`) until the goal is met.
 //!
 //! Where we differ: frame 0 of the problem is the displayed rest itself, so that the model stands where it stood also in files whose rest is not
 //! their bind pose; directions that the vertices of a helper leave open follow the neighbouring frames; vertices that the base rig already
