@@ -12,7 +12,7 @@ use faer::Mat;
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Scale from the energy's inverse curvature to the variance of positions: over nine videos with known motion, 68 of 100 parts
+/// Scale from the energy's inverse curvature to the variance of positions: over eight videos with known motion, 68 of 100 parts
 /// are then nearer to their true place than their deviation.
 const NOISE: f64 = 0.74;
 
