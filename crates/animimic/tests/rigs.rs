@@ -118,7 +118,7 @@ fn every_still_model_clean_or_dirty_is_rigged_and_symmetric_ones_come_out_symmet
 
 /// Largest distance of a left joint's image from its right partner [longest side]; the plane is that of the pairs themselves, x = const.
 fn asymmetry(rig: &Rig, (lo, hi): (DVec3, DVec3)) -> Option<f64> {
-    let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+    let world = rig.skeleton.rest_world();
     let names: Vec<&str> = rig.skeleton.joints.iter().map(|j| j.name.as_str()).collect();
     let pairs: Vec<(DVec3, DVec3)> = (0..names.len())
         .filter(|&j| names[j].contains("_L_"))

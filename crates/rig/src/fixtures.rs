@@ -112,7 +112,7 @@ fn rig(mesh: &Mesh, weights: &[Vec<(usize, f64)>], count: usize) -> Rig {
         })
         .collect();
     let skeleton = Skeleton { joints };
-    let world = skeleton.world_from_joint(&skeleton.rest_locals());
+    let world = skeleton.rest_world();
     // The vertex buffer is in centimetres and lies on its back.
     let world_from_buffer = DAffine3::from_mat3(DMat3::from_rotation_x(-1.5) * 0.01);
     let slots = (0..count).map(|j| Slot { joint: j, inverse_bind: world[j].inverse() * world_from_buffer }).collect();

@@ -49,7 +49,7 @@ impl SolveTree {
         let live = live_joints(&parents, &order, &geometry.weight);
         let root = solve_root(&parents, &order, &geometry.weight, &live);
 
-        let rest_world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let rest_world = rig.skeleton.rest_world();
         let mut joint_of = vec![None; count];
         let mut skeleton_joint = Vec::new();
         for &j in &order {
@@ -403,7 +403,7 @@ mod tests {
 
     /// Largest relative difference between the axes' scales of any joint that has children; 0 up to rounding in f64.
     fn unevenness(rig: &Rig) -> f64 {
-        let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let world = rig.skeleton.rest_world();
         let uneven = |p: usize| {
             let m = world[p].matrix3;
             let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.length());

@@ -120,7 +120,7 @@ fn soft_tails_of_the_true_cases_are_carried_by_helpers_within_half_a_percent() {
 fn shaken(asset: &Asset, clip: &Refined) -> Refined {
     let mut motion = clip.motion.clone();
     let diagonal = asset.mesh.diagonal();
-    let world = asset.rig.skeleton.world_from_joint(&asset.rig.skeleton.rest_locals());
+    let world = asset.rig.skeleton.rest_world();
     let softness: Vec<f64> = asset
         .mesh
         .positions

@@ -69,6 +69,11 @@ impl Skeleton {
     pub fn rest_locals(&self) -> Vec<Transform> {
         self.joints.iter().map(|j| j.rest).collect()
     }
+
+    /// World transform of every joint in the rest pose.
+    pub fn rest_world(&self) -> Vec<DAffine3> {
+        self.world_from_joint(&self.rest_locals())
+    }
 }
 
 /// A joint together with the inverse bind matrix with which it moves vertices.
@@ -110,6 +115,11 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// All vertices in the rest pose: the model as displayed.
+    pub fn at_rest(&self) -> Vec<DVec3> {
+        self.skinned(&self.skeleton.rest_world())
+    }
+
     /// Skins all vertices for some world transforms of the joints (linear blend skinning): x_v = Σ_k w_k G_k B_k X_v.
     pub fn skinned(&self, world_from_joint: &[DAffine3]) -> Vec<DVec3> {
         let slots: Vec<DAffine3> = self.skin.slots.iter().map(|s| world_from_joint[s.joint] * s.inverse_bind).collect();

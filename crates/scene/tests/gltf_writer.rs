@@ -75,7 +75,7 @@ fn attach_chain(asset: &mut Asset) {
         joint("leg.L", Some(0), [0.0, 1.0, 0.0]),
         joint("a:b/[c] d", None, [0.0, 2.0, 0.0]),
     ];
-    let world = asset.rig.skeleton.world_from_joint(&asset.rig.skeleton.rest_locals());
+    let world = asset.rig.skeleton.rest_world();
     let weights = |p: &DVec3| {
         let w = [0.5 + 0.1 * p.x, 0.2 + 0.1 * p.y, 0.1, 0.05, 0.15 - 0.01 * p.z];
         let sum: f64 = w.iter().sum();
@@ -255,7 +255,7 @@ fn a_made_rig_is_one_joint_tree_with_safe_unique_names_and_rigid_inverse_binds()
     assert!(
         joints.iter().all(|&j| nodes[j as usize].get("scale").is_none() && nodes[j as usize].get("matrix").is_none())
     );
-    let world = output.rig.skeleton.world_from_joint(&output.rig.skeleton.rest_locals());
+    let world = output.rig.skeleton.rest_world();
     for (m, &j) in floats(&output, &skin["inverseBindMatrices"]).chunks_exact(16).zip(&joints) {
         let bind = DAffine3::from_mat4(DMat4::from_cols_slice(&m.iter().map(|x| f64::from(*x)).collect::<Vec<_>>()));
         assert!((bind.matrix3.determinant() - 1.0).abs() < 1e-6);

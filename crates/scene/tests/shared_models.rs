@@ -80,7 +80,7 @@ fn puppeteer_folders_read_with_their_rigs() {
         assert_eq!(asset.mesh.welded_count, welded);
         assert!(asset.rig.skeleton.joints.len() == joints && asset.rig.is_articulated());
         assert!(io::puppeteer::input_video(&folder).is_some());
-        let world = asset.rig.skeleton.world_from_joint(&asset.rig.skeleton.rest_locals());
+        let world = asset.rig.skeleton.rest_world();
         let worst = asset
             .rig
             .skinned(&world)

@@ -34,7 +34,7 @@ impl Case {
         let mut found = find(&video, &Given::default())?;
         let (w, h) = (video.frames[0].width as u32, video.frames[0].height as u32);
         let camera = camera::from_file(&folder.join("camera.json"), w, h)?.main;
-        let rest = asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&asset.rig.skeleton.rest_locals()));
+        let rest = asset.rig.at_rest();
         refine_masks(&video, &silhouette(&camera, &asset.mesh, &rest), &mut found)?;
         let backgrounds =
             video.frames.iter().enumerate().map(|(t, frame)| background_picture(&found.background, frame, t)).collect();

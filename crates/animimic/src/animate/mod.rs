@@ -161,7 +161,7 @@ fn take(
     let camera = clock.time("camera", || choose_camera(job, model, &video, &found.cues, &found.background))?;
     if given.masks.is_none() {
         let rest = &model.solved.rig;
-        let rest = rest.skinned(&rest.skeleton.world_from_joint(&rest.skeleton.rest_locals()));
+        let rest = rest.at_rest();
         let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
         clock.time("masks", || crate::cues::refine_masks(&video, &silhouette, &mut found))?;
     }

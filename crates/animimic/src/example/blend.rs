@@ -101,7 +101,7 @@ fn closeness(primitives: &[Primitive], p: DVec3, joints: usize) -> Vec<f64> {
 
 /// The skin of the unwrapped vertices: the four largest weights of each vertex's source, one slot per joint.
 pub fn skin(skeleton: &Skeleton, positions: &[DVec3], source_vertex: &[u32], weights: &[Vec<f64>]) -> Skin {
-    let world = skeleton.world_from_joint(&skeleton.rest_locals());
+    let world = skeleton.rest_world();
     let slots = world.iter().enumerate().map(|(joint, w)| Slot { joint, inverse_bind: DAffine3::inverse(w) }).collect();
     let influences = source_vertex.iter().map(|&v| largest(&weights[v as usize])).collect();
     Skin { slots, bind_positions: positions.to_vec(), influences }

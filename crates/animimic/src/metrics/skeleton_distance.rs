@@ -55,7 +55,7 @@ impl Bones {
         for i in rig.skin.influences.iter().flatten().filter(|i| i.weight > LEAST_WEIGHT) {
             moves[rig.skin.slots[i.slot as usize].joint] = true;
         }
-        let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let world = rig.skeleton.rest_world();
         let at = |j: usize| world[j].translation;
         let above = |j: usize| {
             let mut up = rig.skeleton.joints[j].parent;

@@ -76,7 +76,7 @@ impl<'a> Sheet<'a> {
 
     fn rest(&self) -> Vec<DVec3> {
         let skeleton = &self.asset.rig.skeleton;
-        skeleton.world_from_joint(&skeleton.rest_locals()).iter().map(|w| w.translation).collect()
+        skeleton.rest_world().iter().map(|w| w.translation).collect()
     }
 }
 

@@ -83,7 +83,7 @@ pub fn still(job: &Still) -> Result<Drawn, Error> {
     }
     let asset = io::read(&job.model)?;
     let rig = &asset.rig;
-    let positions = rig.skinned(&rig.skeleton.world_from_joint(&rig.skeleton.rest_locals()));
+    let positions = rig.at_rest();
     let bounds = asset.mesh.bounds();
     let studio = Studio::with_light(&asset, Light::default())?;
     let (main, view) = match &job.camera {

@@ -96,7 +96,7 @@ impl<'a> Tissue<'a> {
         let rig = &asset.rig;
         let scale = settings.size_m / asset.mesh.diagonal();
         let weights = CageWeights::new(&rig.skin, &cage);
-        let rest_world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let rest_world = rig.skeleton.rest_world();
         let origins: Vec<DVec3> = rest_world.iter().map(|g| g.translation).collect();
         let bones = bones::bones(rig, &origins, &asset.mesh, &weights);
         let carrier = carriers(rig, &settings.loose);

@@ -113,7 +113,7 @@ pub fn fit(rig: &Rig, mesh: &Mesh, clips: &[Refined], settings: &Settings) -> Re
     }
     let (rig, motions) = joints::attach(&problem, &helpers, &state, rig, mesh, clips);
     let residual = Residual::of_clips(&rig, diagonal, motions.iter().zip(surfaces.iter().map(|s| &**s)));
-    let shown = rig.skinned(&rig.skeleton.world_from_joint(&rig.skeleton.rest_locals()));
+    let shown = rig.at_rest();
     let farthest = shown.iter().zip(&mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
     let helpers = rig.skeleton.joints.len() - problem.joints;
     Ok(Helped { rig, motions, helpers, skinned, residual, rest: farthest / diagonal })

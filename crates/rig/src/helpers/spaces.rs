@@ -29,7 +29,7 @@ pub struct Spaces {
 impl Spaces {
     /// Finds the groups.
     pub fn new(rig: &Rig, mesh: &Mesh) -> Self {
-        let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+        let world = rig.skeleton.rest_world();
         let slots = &rig.skin.slots;
         let rest: Vec<DAffine3> = slots.iter().map(|s| world[s.joint] * s.inverse_bind).collect();
         let mut root: Vec<usize> = (0..slots.len()).collect();

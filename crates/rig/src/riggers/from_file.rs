@@ -38,7 +38,7 @@ impl Rigger for FromFile {
 fn transferred(other: &Asset, asset: &Asset) -> Rig {
     let mut skeleton = other.rig.skeleton.clone();
     skeleton.joints.iter_mut().for_each(|j| j.node = None);
-    let world = skeleton.world_from_joint(&skeleton.rest_locals());
+    let world = skeleton.rest_world();
     let slots = &other.rig.skin.slots;
     let given = other.mesh.positions.len();
     let positions: Vec<_> = other.mesh.positions.iter().chain(&asset.mesh.positions).copied().collect();

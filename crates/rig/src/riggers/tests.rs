@@ -18,7 +18,7 @@ fn check(name: &str, asset: &Asset, rig: &Rig) {
         assert!((1..=4).contains(&list.len()) && list.iter().all(|i| i.weight >= 0.0), "{name}: {list:?}");
         assert_eq!(list.iter().map(|i| i.weight).sum::<f64>(), 1.0, "{name}: {list:?}");
     }
-    let rest = rig.skinned(&rig.skeleton.world_from_joint(&rig.skeleton.rest_locals()));
+    let rest = rig.at_rest();
     let off = rest.iter().zip(&asset.mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
     assert!(off < 1e-12 * (1.0 + asset.mesh.diagonal()), "{name}: rest is off by {off:e}");
 }
@@ -41,7 +41,7 @@ fn every_rigger_gives_a_sound_rig_to_every_surface_or_says_what_it_lacks() {
 #[test]
 fn a_symmetric_quadruped_gets_mirrored_legs_a_head_and_a_tail() {
     let rig = RIGGERS[0].rig(&quadruped(), &RigOptions::default()).expect("a sound surface");
-    let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+    let world = rig.skeleton.rest_world();
     let at = |name: &str| {
         let j = rig.skeleton.joints.iter().position(|j| j.name == name);
         world[j.unwrap_or_else(|| panic!("{name} is missing"))].translation

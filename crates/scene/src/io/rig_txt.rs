@@ -189,7 +189,7 @@ fn normalized(pairs: &[(usize, f64)]) -> Vec<Influence> {
 /// The rig of an asset as `rig.txt` writes it: rest positions of the joints, weights per vertex of the mesh.
 pub fn from_asset(asset: &Asset) -> RigText {
     let skeleton = &asset.rig.skeleton;
-    let world = skeleton.world_from_joint(&skeleton.rest_locals());
+    let world = skeleton.rest_world();
     let slots = &asset.rig.skin.slots;
     RigText {
         joints: skeleton

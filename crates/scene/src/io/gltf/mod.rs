@@ -135,7 +135,7 @@ fn skeleton(graph: &Graph, skin: &mut Skin) -> Skeleton {
 
 /// Displayed positions and normals; triangles of mirrored parts are turned so that their front stays the front.
 fn pose_at_rest(mesh: &mut Mesh, rig: &Rig) {
-    let world = rig.skeleton.world_from_joint(&rig.skeleton.rest_locals());
+    let world = rig.skeleton.rest_world();
     mesh.positions = rig.skinned(&world);
     let slots: Vec<DAffine3> = rig.skin.slots.iter().map(|s| world[s.joint] * s.inverse_bind).collect();
     let blended = |v: usize| -> DMat3 {

@@ -77,7 +77,7 @@ pub(super) fn attach(out: &mut Output, asset: &Asset, parts: &[PartPlace]) -> Re
     }
     place::to_root(&mut out.json, &meshes);
     let (nodes, joints) = joint_tree(out, &asset.rig.skeleton);
-    let world = asset.rig.skeleton.world_from_joint(&asset.rig.skeleton.rest_locals());
+    let world = asset.rig.skeleton.rest_world();
     let mut binds: Vec<[f32; 16]> = world.iter().map(|w| DMat4::from(w.inverse()).as_mat4().to_cols_array()).collect();
     binds.resize(joints.len(), DMat4::IDENTITY.as_mat4().to_cols_array());
     let accessor = out.floats(&binds, Use::Other, false);
