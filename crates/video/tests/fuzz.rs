@@ -61,7 +61,7 @@ fn mutated_videos_never_panic_or_hang() {
         tail.resize(mp4.len() - tables - 8, 0);
         [&mp4[..tables + 8], &tail].concat()
     };
-    hammer_with("mp4 by its tables", &[mp4.clone()], 2000, front, |b| watched(&path, &b));
+    hammer_with("mp4 by its tables", std::slice::from_ref(&mp4), 2000, front, |b| watched(&path, &b));
     hammer_with("mp4 by its pictures", &[mp4], 1000, payload, |b| watched(&path, &b));
     let gif = made(&path, |p| write_gif(p, &mut disc(24, 16, 3).into_iter(), 20.0));
     hammer("gif", &[gif], 1000, |b| watched(&path, &b));
