@@ -8,7 +8,7 @@ use super::symmetry::Mirror;
 use glam::DVec3;
 
 /// A trunk whose ends differ in height by more than this share of their distance stands upright.
-const UPRIGHT: f64 = 0.75;
+const UPRIGHT: f64 = 0.65;
 
 /// A leg ends in the lowest part of the model (share of the height), is this long [longest side], and leads down by this share of its length.
 const GROUND: f64 = 0.25;

@@ -32,9 +32,10 @@ const ROOT_SHARE: f64 = 0.4;
 
 /// A limb's first joint lies above where it comes out, straight on, this share of the way to the trunk's axis.
 const SOCKET: f64 = 0.55;
-/// A leg under a lying trunk begins this share of the way up to the height of its axis; on its way up it leans no more than this (sine).
+/// A leg under a lying trunk begins this share of the way up to the height of its axis, and leans on the way by this share of the whole
+/// leg's lean: a thigh leans forward above a hock that leans back.
 const BESIDE_AXIS: f64 = 0.85;
-const STEEP: f64 = 0.5;
+const LEAN: f64 = 0.5;
 
 /// Medial balls of a limb count up to this many times its usual radius.
 const CARRIED: f64 = 1.3;
@@ -300,13 +301,14 @@ impl Builder<'_> {
         let hip = self.hip(c, &along);
         let axis = self.graph.at(self.anatomy.chains[0].nodes[self.anatomy.place[c]]);
         let from = self.graph.at(nodes[hip]);
+        if matches!(self.anatomy.roles[c], Role::Leg(..)) && !self.anatomy.upright {
+            let rise = BESIDE_AXIS * (axis.y - from.y).max(0.0);
+            let leg = (from - self.graph.at(nodes[nodes.len() - 1])).reject_from_normalized(self.anatomy.left);
+            let lean = (LEAN / leg.y.abs().max(1e-9 * self.graph.longest) * leg).with_y(0.0).clamp_length_max(LEAN);
+            return from + rise * (DVec3::Y + lean);
+        }
         let below = nearest(&along, along[hip] + 0.3 * (along[along.len() - 1] - along[hip]));
         let up = (from - self.graph.at(nodes[below])).normalize_or_zero();
-        if matches!(self.anatomy.roles[c], Role::Leg(..)) && !self.anatomy.upright {
-            let up = up.reject_from_normalized(self.anatomy.left).normalize_or_zero();
-            let rise = BESIDE_AXIS * (axis.y - from.y).max(0.0);
-            return from + rise / up.y.max(STEEP) * up;
-        }
         let reach = (axis - from).dot(up).max(0.0);
         let inwards = from + 0.5 * SOCKET * (axis - from);
         0.5 * (from + SOCKET * reach * up) + 0.5 * inwards
