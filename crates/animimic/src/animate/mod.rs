@@ -19,6 +19,8 @@ pub use fit::fit;
 pub use options::Job;
 pub use report::{ClipReport, LossCurve, Report};
 
+pub(crate) use residual::heat_map;
+
 use crate::camera::{self, CameraChoice};
 use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
@@ -27,7 +29,7 @@ use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// One video with all that was found out about it.
@@ -103,7 +105,7 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
 /// Finds the motion in every video and measures it.
 fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset, Vec<Take>, Report), Error> {
     tell(progress, Event::Stage { name: "reading" })?;
-    let mut asset = clock.time("read", || read_model(&job.model))?;
+    let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
     let made_rig = job.rig == rigging::RigChoice::Auto && !asset.rig.is_articulated();
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
@@ -126,12 +128,8 @@ fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset
     Ok((asset, takes, report))
 }
 
-fn read_model(path: &Path) -> Result<Asset, Error> {
-    let asset = io::read(path)?;
-    if asset.mesh.triangles.is_empty() {
-        return Err(Error::Input(format!("{}: has no triangles to animate", path.display())));
-    }
-    Ok(asset)
+fn read_model(job: &Job) -> Result<Asset, Error> {
+    Ok(io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?)
 }
 
 /// Reads video number `index`, finds its cues, its camera and the motion in it.
