@@ -53,6 +53,8 @@ pub(crate) struct Take {
 struct Model<'a> {
     asset: &'a Asset,
     solved: &'a Asset,
+    /// The skeleton was made from the shape alone.
+    made_rig: bool,
 }
 
 /// Triangles of the stand-in: at working size more of them are smaller than a pixel.
@@ -105,12 +107,13 @@ fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset
     tell(progress, Event::Stage { name: "reading" })?;
     let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
+    let made_rig = job.rig == rigging::RigChoice::Auto && !asset.rig.is_articulated();
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
     let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
-    let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset) };
+    let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset), made_rig };
     let names = job.clip_names();
     let mut takes = Vec::new();
     for (index, name) in names.into_iter().enumerate() {
@@ -166,6 +169,7 @@ fn take(
     tell(progress, Event::Stage { name: "motion" })?;
     let scene = motion::Scene {
         asset: model.solved,
+        made_rig: model.made_rig,
         camera: &camera.main,
         video: &video,
         cues: &found.cues,

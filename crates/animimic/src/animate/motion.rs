@@ -29,6 +29,8 @@ pub struct Solved {
 pub struct Scene<'a> {
     /// The rigged model.
     pub asset: &'a Asset,
+    /// Its skeleton was made from the shape alone.
+    pub made_rig: bool,
     /// The video's camera.
     pub camera: &'a Camera,
     /// The video.
@@ -61,7 +63,10 @@ pub fn find(scene: &Scene, preset: Preset, name: &str, progress: &mut Progress) 
         depth_kind: scene.cues.depth_kind,
     };
     match preset {
-        Preset::Default => by_default(&input, scene.video.fps, name, progress),
+        Preset::Default => {
+            let settings = if scene.made_rig { Settings::default().for_made_rig() } else { Settings::default() };
+            by_default(&input, settings, scene.video.fps, name, progress)
+        }
         Preset::Reference => {
             let tracks = own_tracks(scene);
             by_reference(&Input { tracks: given.or(Some(&tracks)), ..input }, scene.video.fps, name, progress)
@@ -100,13 +105,19 @@ impl Stopwatch {
     }
 }
 
-fn by_default(input: &Input, fps: f64, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
+fn by_default(
+    input: &Input,
+    settings: Settings,
+    fps: f64,
+    name: &str,
+    progress: &mut Progress,
+) -> Result<Solved, Error> {
     let mut watch = Stopwatch::new(stage1::Phase::Track.name());
     let mut step = |phase: stage1::Phase, done: f64| -> ControlFlow<()> {
         watch.enter(phase.name());
         progress(Event::Step { done, loss: None })
     };
-    let outcome = stage1::fit(input, Settings::default(), name, fps, &mut step)?;
+    let outcome = stage1::fit(input, settings, name, fps, &mut step)?;
     let unlike = outcome.mismatch.iter().filter(|m| **m > UNLIKE).count();
     let mut uncertain = Vec::new();
     if unlike > 0 {
