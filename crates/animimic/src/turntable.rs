@@ -3,13 +3,14 @@
 use crate::Error;
 use crate::camera::{self, CameraChoice};
 use crate::event::{Event, Progress, tell};
+use crate::film::film;
 use crate::measure::clip;
 use crate::pictures::Studio;
 use animimic_render::{Light, overlay};
 use animimic_scene::io::{self, gltf};
 use animimic_scene::{Asset, Camera, Image};
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A view to draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,24 +92,8 @@ pub fn render(shoot: &Shoot, progress: &mut Progress) -> Result<usize, Error> {
         animimic_video::write_png(&shoot.out, &draw(0))?;
         return Ok(1);
     }
-    let mut stop = Ok(());
-    let mut drawn = (0..frames).map_while(|t| {
-        stop = tell(progress, Event::Step { done: t as f64 / frames as f64, loss: None });
-        stop.is_ok().then(|| draw(t))
-    });
-    let written = animimic_video::write_mp4(&shoot.out, &mut drawn, shoot.fps);
-    if stop.is_err() {
-        remove(&shoot.out);
-    }
-    stop?;
-    written?;
+    film(&shoot.out, (frames, shoot.fps), (0.0, 1.0), draw, progress)?;
     Ok(frames)
-}
-
-/// Takes back a file that a stopped run wrote.
-fn remove(path: &Path) {
-    // It may not have been written at all.
-    let _ = std::fs::remove_file(path);
 }
 
 fn player(asset: &Asset, shoot: &Shoot) -> Result<Option<gltf::Clip>, Error> {
