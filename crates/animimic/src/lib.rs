@@ -5,6 +5,7 @@
 #![deny(missing_docs)]
 
 pub mod animate;
+pub mod batch;
 pub mod camera;
 pub mod cues;
 pub mod doctor;

@@ -19,23 +19,29 @@ pub struct Animate {
     /// Go on with what an earlier run of the same inputs and options left in the folder: what is done is not done again
     #[arg(long)]
     resume: bool,
+    /// Options from a TOML file by the same names, model, videos and out too; what is given here counts before it
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
     #[command(flatten)]
     fitting: Fitting,
 }
 
 impl Animate {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
-        let work = |job: &Job, progress: &mut Progress| {
-            let job = Job { physics: self.physics, resume: self.resume, ..job.clone() };
-            animimic::animate(&job, progress)
-        };
+        let work = |job: &Job, progress: &mut Progress| animimic::animate(job, progress);
         let made = |folder: &Path| folder.join("report.html");
-        self.fitting.run(&self.model, &self.videos, &self.out, common, work, made).map_err(|e| {
-            match e.downcast_ref::<Error>() {
-                Some(Error::Cancelled) => anyhow::anyhow!("stopped on request, and what is done is kept; go on with: {}", resume()),
-                _ => e,
+        self.fitting.run(&self.job(common), common, work, made).map_err(|e| match e.downcast_ref::<Error>() {
+            Some(Error::Cancelled) => {
+                anyhow::anyhow!("stopped on request, and what is done is kept; go on with: {}", resume())
             }
+            _ => e,
         })
+    }
+
+    /// The job that the options ask for.
+    pub fn job(&self, common: &Common) -> Job {
+        let job = self.fitting.job(&self.model, self.videos.clone(), &self.out, common);
+        Job { physics: self.physics, resume: self.resume, ..job }
     }
 }
 

@@ -103,6 +103,11 @@ struct Work {
 /// Anything that is wrong with the inputs, before any result is written; another run in the same folder; [`Error::Cancelled`] when
 /// `progress` says stop, with all finished stages kept for [`Job::resume`].
 pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
+    Ok(animated(job, progress)?.0)
+}
+
+/// The same; and whether all of it was there already.
+pub(crate) fn animated(job: &Job, progress: &mut Progress) -> Result<(Report, bool), Error> {
     let mut clock = Clock::default();
     job.check()?;
     if job.out.is_file() {
@@ -110,12 +115,12 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     }
     let run = Run::begin(&job.out, job.resume)?;
     if let Some(report) = finished(job, &run, progress)? {
-        return Ok(report);
+        return Ok((report, true));
     }
     let (work, mut report) = solve(job, &run, &mut clock, progress)?;
     let files = deliver::write(job, &work.asset, &work.takes, &mut report, &mut clock, progress)?;
     run.finish(&job.out, &work.key, &files)?;
-    Ok(report)
+    Ok((report, false))
 }
 
 /// The report of an earlier run of the same job, if that finished and its files are as it left them.

@@ -7,6 +7,7 @@ use crate::Error;
 use animimic_scene::{Asset, Image, Look, Source, Video};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
+use std::fs::File;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -109,9 +110,10 @@ impl Key {
 fn program() -> &'static str {
     static PROGRAM: OnceLock<String> = OnceLock::new();
     PROGRAM.get_or_init(|| {
-        let build = std::env::current_exe().and_then(std::fs::read).map(|bytes| Sha256::digest(bytes));
-        let build = build.map_or_else(|_| String::new(), |hash| format!("{hash:x}"));
-        format!("animimic {} {build}", env!("CARGO_PKG_VERSION"))
+        let mut build = Sha256::new();
+        // Where the program cannot be read, its version alone must do.
+        let _ = std::env::current_exe().and_then(File::open).and_then(|mut f| std::io::copy(&mut f, &mut build));
+        format!("animimic {} {:x}", env!("CARGO_PKG_VERSION"), build.finalize())
     })
 }
 

@@ -5,14 +5,14 @@ use animimic_scene::{Asset, Video};
 
 /// What a fit holds per pixel of the video and frame: the frame, its mask, its background and the rest of the renderer's pictures,
 /// fitted to the peaks of runs of different lengths and sizes [bytes].
-const PER_PIXEL: u64 = 34;
+const PER_PIXEL: u64 = 18;
 /// What is held per pixel whatever the number of frames: flow, and one frame's differentiable rendering per thread [bytes].
-const PER_WORKING_PIXEL: u64 = 400;
+const PER_WORKING_PIXEL: u64 = 170;
 /// What is held per vertex and per texel: the model, what is drawn of it, and the file that is written [bytes].
-const PER_VERTEX: u64 = 2000;
-const PER_TEXEL: u64 = 20;
+const PER_VERTEX: u64 = 500;
+const PER_TEXEL: u64 = 12;
 /// The program itself [bytes].
-const BASE: u64 = 50 << 20;
+const BASE: u64 = 110 << 20;
 
 /// Peak memory of finding the motion of a model in a video [bytes].
 pub(crate) fn needed(asset: &Asset, video: &Video) -> u64 {

@@ -19,6 +19,7 @@ pub use lock::Lock;
 pub use record::{Kept, Record};
 
 use crate::Error;
+use animimic_scene::io;
 use std::path::{Path, PathBuf};
 
 /// A run in a folder, or one that keeps nothing.
@@ -58,6 +59,8 @@ impl Run {
         let mut place = Place { state, resume, made, lock: None };
         std::fs::create_dir_all(&place.state).map_err(Error::io(&place.state))?;
         place.lock = Some(Lock::take(&place.state.join("lock"), out)?);
+        io::sweep(&place.state, true);
+        io::sweep(out, false);
         Ok(Self { place: Some(place) })
     }
 
