@@ -2,13 +2,13 @@
 // In tests a panic is the message; helpers outside #[test] functions count as well.
 #![allow(clippy::unwrap_used)]
 
-mod support;
+mod runner;
 
+use runner::{animate, animimic, assert_same, done, example, results, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use support::{animate, animimic, assert_same, done, example, results, text};
 
 const NAMES: [&str; 3] = ["short", "small", "twice"];
 

@@ -3,12 +3,12 @@
 #![allow(clippy::unwrap_used)]
 #![cfg(unix)]
 
-mod support;
+mod runner;
 
+use runner::{animate, assert_same, done, kept, results, text};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use support::{animate, assert_same, done, kept, results, text};
 
 /// SplitMix64, in [0, 1): seeded, so that a failure can be had again.
 fn uniform(state: &mut u64) -> f64 {

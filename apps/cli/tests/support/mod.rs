@@ -1,76 +1,89 @@
-//! Runs of the program on the example, and what they leave.
-// Each test file uses a part of it.
-#![allow(dead_code)]
+//! The program under limits, and files to throw at it.
+#![allow(dead_code, clippy::unwrap_used)]
 
-use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// A file of the example.
-pub fn example(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/creature").join(name)
-}
+/// The limits of `design`: address space [KiB], which bounds memory from above, and processor time [s].
+const MEMORY_KIB: u64 = 1 << 20;
+const CPU_SECS: u64 = 1;
 
-/// The program with some arguments.
-pub fn animimic(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_animimic"));
-    command.args(arguments);
-    command
-}
-
-/// A short `animate` of the example into a folder.
-pub fn animate(out: &Path, more: &[&str]) -> Command {
-    let mut command = animimic(&["animate", "--frames", "0..4", "--height", "160", "-q"]);
-    command.arg(example("creature.glb")).arg(example("creature.mp4")).arg("--camera").arg(example("camera.json"));
-    command.arg("-o").arg(out).args(more);
-    command
-}
-
-/// Runs a command that must succeed.
-pub fn done(command: &mut Command) -> Output {
-    let out = command.output().unwrap();
-    assert!(out.status.success(), "{command:?}: {}", text(&out.stderr));
-    out
-}
-
-/// Bytes as text.
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Files of a result folder by name, with their bytes; `report.json` without its timings, `report.html` left out, for it shows them.
-pub fn results(folder: &Path) -> Vec<(String, Vec<u8>)> {
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_file()) {
-        let name = entry.file_name().unwrap().to_string_lossy().into_owned();
-        let mut bytes = std::fs::read(&entry).unwrap();
-        if name == "report.json" {
-            let mut json: Value = serde_json::from_slice(&bytes).unwrap();
-            json["timings"] = Value::Null;
-            bytes = json.to_string().into_bytes();
-        }
-        if name != "report.html" {
-            files.push((name, bytes));
-        }
-    }
-    files.sort();
-    files
+pub fn example(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/creature").join(name).display().to_string()
 }
 
-/// Fails where two result folders differ, with the name of the file.
-pub fn assert_same(a: &[(String, Vec<u8>)], b: &[(String, Vec<u8>)], when: &str) {
-    let names = |files: &[(String, Vec<u8>)]| files.iter().map(|f| f.0.clone()).collect::<Vec<_>>();
-    assert_eq!(names(a), names(b), "{when}");
-    for (x, y) in a.iter().zip(b) {
-        assert!(x == y, "{} differs {when}", x.0);
+/// Runs the program; a child that takes more memory or time than it may is killed, which no assertion on exit codes forgives.
+pub fn limited(arguments: &[&str], cpu_secs: Option<u64>) -> Output {
+    let program = env!("CARGO_BIN_EXE_animimic");
+    if cfg!(not(unix)) {
+        return Command::new(program).args(arguments).output().unwrap();
     }
+    let time = cpu_secs.map_or(String::new(), |s| format!("ulimit -t {s};"));
+    let script = format!("ulimit -v {MEMORY_KIB}; {time} exec \"$0\" \"$@\"");
+    Command::new("sh").args(["-c", &script, program]).args(arguments).output().unwrap()
 }
 
-/// Names of what a run has kept so far.
-pub fn kept(out: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(out.join("state"));
-    let mut names: Vec<String> =
-        entries.into_iter().flatten().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
+/// A folder with inputs, and one for results that must stay empty.
+pub struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("results")).unwrap();
+        Self { folder }
+    }
+
+    /// The path of an input.
+    pub fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).display().to_string()
+    }
+
+    /// The path of a result.
+    pub fn out(&self, name: &str) -> String {
+        self.folder.path().join("results").join(name).display().to_string()
+    }
+
+    pub fn put(&self, name: &str, bytes: &[u8]) -> String {
+        std::fs::write(self.path(name), bytes).unwrap();
+        self.path(name)
+    }
+
+    /// What was written.
+    pub fn results(&self) -> Vec<PathBuf> {
+        std::fs::read_dir(self.folder.path().join("results")).unwrap().map(|e| e.unwrap().path()).collect()
+    }
+
+    /// The program must refuse: exit 1, one sentence that names the file and says `words`, nothing on standard output, nothing
+    /// written, within a second of processor time and a gibibyte.
+    pub fn refuses(&self, arguments: &[&str], words: &[&str]) -> String {
+        let out = limited(arguments, Some(CPU_SECS));
+        let error = text(&out.stderr);
+        println!("{}: {}", arguments[0], error.trim_end());
+        assert_eq!(out.status.code(), Some(1), "{arguments:?}: {:?} {error}", out.status);
+        assert!(error.starts_with("animimic: ") && error.trim_end().lines().count() == 1, "{error}");
+        for word in words {
+            assert!(error.contains(word), "{error:?} does not say {word:?}");
+        }
+        assert!(out.stdout.is_empty());
+        assert_eq!(self.results(), Vec::<PathBuf>::new(), "{arguments:?} left something");
+        error
+    }
+
+    /// The program must do it within the memory, and its warnings must say `words`.
+    pub fn does(&self, arguments: &[&str], words: &[&str]) -> Output {
+        let out = limited(arguments, None);
+        let said = text(&out.stderr);
+        println!("{}: {}", arguments[0], said.trim_end());
+        assert!(out.status.success(), "{arguments:?}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{said:?} does not say {word:?}");
+        }
+        out
+    }
 }

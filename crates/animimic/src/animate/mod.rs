@@ -21,6 +21,8 @@ pub use fit::fit;
 pub use options::Job;
 pub use report::{ClipReport, LossCurve, Report};
 
+pub(crate) use residual::heat_map;
+
 use crate::camera::{self, CameraChoice};
 use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
@@ -31,7 +33,7 @@ use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
 use kept::Seen;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// One video with all that was found out about it.
@@ -129,7 +131,7 @@ fn finished(job: &Job, run: &Run, progress: &mut Progress) -> Result<Option<Repo
         return Ok(None);
     }
     tell(progress, Event::Stage { name: "reading" })?;
-    let mut asset = read_model(&job.model)?;
+    let mut asset = read_model(job)?;
     rigging::choose(&mut asset, &job.model, &job.rig)?;
     let model = keys::model(&asset);
     let mut motions = Vec::new();
@@ -147,7 +149,7 @@ fn finished(job: &Job, run: &Run, progress: &mut Progress) -> Result<Option<Repo
 /// Finds the motion in every video and measures it.
 fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Result<(Work, Report), Error> {
     tell(progress, Event::Stage { name: "reading" })?;
-    let mut asset = clock.time("read", || read_model(&job.model))?;
+    let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
@@ -173,12 +175,8 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     Ok((Work { asset, takes, key }, report))
 }
 
-fn read_model(path: &Path) -> Result<Asset, Error> {
-    let asset = io::read(path)?;
-    if asset.mesh.triangles.is_empty() {
-        return Err(Error::Input(format!("{}: has no triangles to animate", path.display())));
-    }
-    Ok(asset)
+fn read_model(job: &Job) -> Result<Asset, Error> {
+    Ok(io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?)
 }
 
 fn read_video(job: &Job, index: usize) -> Result<Video, Error> {

@@ -36,6 +36,8 @@ pub struct Job {
     pub preset: Preset,
     /// How motion that goes beyond the skeleton is delivered.
     pub physics: Physics,
+    /// Mend what is broken in small ways (indices and joints out of range, values that are not finite) instead of refusing.
+    pub repair: bool,
     /// Seed of everything random.
     pub seed: u64,
     /// Whether what an earlier run kept in `out` is taken where it fits.
@@ -62,6 +64,7 @@ impl Job {
             depth: Vec::new(),
             preset: Preset::Default,
             physics: Physics::default(),
+            repair: false,
             seed: 0,
             resume: false,
         }
