@@ -149,7 +149,8 @@ mod tests {
         first.save("x", &key, &found).expect("kept");
         drop(first);
         let again = Run::begin(&out, true).expect("begins");
-        assert_eq!(bits(&again.kept("x", &key, || panic!("it is there")).expect("kept")), bits(&found));
+        let taken: Vec<f64> = again.kept("x", &key, || panic!("it is there")).expect("kept");
+        assert_eq!(bits(&taken), bits(&found));
         assert_eq!(again.kept("x", &other, || Ok(vec![6.0])).expect("another key"), [6.0]);
         std::fs::write(out.join("state/x.npz"), b"PK half a file").expect("written");
         assert!(again.load::<Vec<f64>>("x", &other).is_none(), "a broken file is no result");

@@ -159,7 +159,7 @@ fn sample(map: &DepthMap, at: DVec2, step: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Input, Settings, fit};
+    use super::super::{Forgetful, Input, Settings, fit};
     use super::*;
     use crate::fixtures::{asset, camera, truth};
     use animimic_render::Light;
