@@ -33,6 +33,7 @@ use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
 use kept::Seen;
+use std::cell::OnceCell;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -155,9 +156,10 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
-    let key = keys::model(&asset);
     let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
     let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset) };
+    // Hashed when the first video is read: bad inputs are refused before.
+    let key = OnceCell::new();
     let names = job.clip_names();
     let (mut takes, mut motions) = (Vec::new(), Vec::new());
     for (index, name) in names.into_iter().enumerate() {
@@ -193,7 +195,7 @@ fn take(
     job: &Job,
     run: &Run,
     model: Model,
-    key: &Key,
+    key: &OnceCell<Key>,
     index: usize,
     name: String,
     clock: &mut Clock,
@@ -208,7 +210,7 @@ fn take(
     if let Some(warning) = memory::check(&name, memory_bytes, video.frames.len())? {
         tell(progress, Event::Warning(warning))?;
     }
-    let key = keys::seen(job, index, key, &video)?;
+    let key = keys::seen(job, index, key.get_or_init(|| keys::model(model.asset)), &video)?;
     let Seen { found, camera } =
         run.kept(&format!("{}.cues", safe(&name)), &key, || see(job, model, index, &video, clock, progress))?;
     tell(progress, Event::Stage { name: "motion" })?;
