@@ -9,8 +9,13 @@
 pub mod bones;
 pub mod clusters;
 pub mod estimate;
+pub mod evidence;
+pub mod fixtures;
 pub mod holds;
+pub mod loosen;
 pub mod motion;
+mod normal;
+pub mod seen;
 pub mod surface;
 pub mod weights;
 
@@ -38,11 +43,13 @@ pub struct Settings {
     pub size_m: f64,
     /// Skeleton joints that do not drive: what hangs on them follows by inertia and elasticity.
     pub loose: Vec<usize>,
+    /// Whether the roots of loose flesh follow the skin.
+    pub held_roots: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { tets: DEFAULT_TETS, size_m: 1.0, loose: Vec::new() }
+        Self { tets: DEFAULT_TETS, size_m: 1.0, loose: Vec::new(), held_roots: true }
     }
 }
 
@@ -106,7 +113,7 @@ impl<'a> Tissue<'a> {
         let choice =
             Choice { mesh: &cage.mesh, spacing: cage.spacing, weights: &weights, bones: &bones, loose: &loose };
         let (holds, driver) = holds::holds(&choice);
-        let seams = holds::seams(&choice, &driver);
+        let seams = if settings.held_roots { holds::seams(&choice, &driver) } else { Vec::new() };
         let positions = cage.mesh.positions.iter().map(|x| *x * scale).collect();
         let mesh = TetMesh { positions, tets: cage.mesh.tets.clone() };
         let driven: Vec<u32> = (0..driver.len() as u32).filter(|&v| driver[v as usize] != FREE).collect();
@@ -173,3 +180,6 @@ fn carriers(rig: &Rig, loose: &[usize]) -> Vec<usize> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests;

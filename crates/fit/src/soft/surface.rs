@@ -109,3 +109,16 @@ impl Tissue<'_> {
         d_cage
     }
 }
+
+impl Tissue<'_> {
+    /// ∂(surface) [model unit] for a change of the cage's free vertices [m], 3 numbers each in the order of `body.free`.
+    pub fn surface_column(&self, free: &[f64]) -> Vec<DVec3> {
+        let mut cage = vec![DVec3::ZERO; self.body.rest.len()];
+        for (&v, d) in self.body.free.iter().zip(free.as_chunks::<3>().0) {
+            cage[v as usize] = DVec3::from_array(*d) / self.scale;
+        }
+        let embedded =
+            |(tet, b): &([u32; 4], [f64; 4])| -> DVec3 { tet.iter().zip(b).map(|(&k, b)| cage[k as usize] * *b).sum() };
+        self.skinning.corners.iter().map(embedded).collect()
+    }
+}
