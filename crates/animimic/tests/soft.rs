@@ -12,7 +12,7 @@ use animimic::soften::yielding::give_way;
 use animimic_fit::soft::clusters::by_joint;
 use animimic_fit::soft::estimate::{Clip, Problem};
 use animimic_fit::soft::evidence::Positions;
-use animimic_fit::soft::{loosen, Settings, Simulated, Stepping, Tissue};
+use animimic_fit::soft::{Settings, Simulated, Stepping, Tissue, loosen};
 use glam::{DMat3, DVec3};
 
 fn elasticity(tissue: &Tissue, youngs: f64) -> Elasticity {
@@ -152,7 +152,12 @@ fn stiffness_fitted_to_true_vertices_brings_the_soft_tails_back() {
         let clip = |evidence| [Clip { poses: &motion.poses, fps: motion.fps, evidence }];
         let clock = std::time::Instant::now();
         let loose = loosen::loose(&asset, &Settings::default(), &clip(&evidence), (0.4, 1000.0)).unwrap();
-        println!("{name}: loose {:?}, roots held {} in {:.1} s", loose.loose, loose.held_roots, clock.elapsed().as_secs_f64());
+        println!(
+            "{name}: loose {:?}, roots held {} in {:.1} s",
+            loose.loose,
+            loose.held_roots,
+            clock.elapsed().as_secs_f64()
+        );
         assert_eq!(loose.loose, tail, "{name}: the tail and nothing else is loose");
         let tissue = Tissue::new(&asset, &Settings { tets: 1600, ..loose }).unwrap();
         // The rest of the body, the first two thirds of the tail, its end: as the truth was made.

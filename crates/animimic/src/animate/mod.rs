@@ -1,6 +1,6 @@
 //! The whole way: model and videos in; animated GLB, videos to look at and a report out.
 //!
-//! read → rig, if there is none → cues → camera → motion → export → pictures → metrics. Everything is computed before the
+//! read → rig, if there is none → cues → camera → motion → soft tissue → export → pictures → metrics. Everything is computed before the
 //! first file is written, and every file appears whole or not at all.
 
 mod certainty;
@@ -8,15 +8,16 @@ mod chart;
 mod deliver;
 mod fit;
 mod html;
-mod motion;
+pub(crate) mod motion;
 mod options;
 mod report;
 mod residual;
 mod sheet;
+mod soft;
 
 pub use certainty::PartCertainty;
 pub use fit::fit;
-pub use options::Job;
+pub use options::{Flesh, Job, Stage};
 pub use report::{ClipReport, LossCurve, Report};
 
 use crate::camera::{self, CameraChoice};
@@ -41,6 +42,8 @@ pub(crate) struct Take {
     pub motion: Motion,
     /// Where the surface goes beyond the skin; `None` where it does not.
     pub trajectory: Option<Trajectory>,
+    /// What the frames said of the soft surface; null where they were not asked.
+    pub softness: serde_json::Value,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
     pub certainty: Vec<Certainty>,
@@ -114,12 +117,16 @@ fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset
     for (index, name) in names.into_iter().enumerate() {
         takes.push(take(job, model, index, name, clock, progress)?);
     }
+    let material = match job.stage {
+        Stage::Pose => serde_json::Value::Null,
+        Stage::Soft => clock.time("soft tissue", || soft::refine(job, model, &mut takes, progress))?,
+    };
     let mut clips = Vec::new();
     for take in &takes {
         tell(progress, Event::Stage { name: "measuring" })?;
         clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
-    let report = Report::new(job, &asset, rig, clips);
+    let report = Report { material, ..Report::new(job, &asset, rig, clips) };
     Ok((asset, takes, report))
 }
 
@@ -184,6 +191,7 @@ fn take(
         camera,
         motion: solved.motion,
         trajectory: None,
+        softness: serde_json::Value::Null,
         losses: solved.losses,
         uncertain: solved.uncertain,
         certainty: solved.certainty,

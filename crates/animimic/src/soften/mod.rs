@@ -2,7 +2,9 @@
 //!
 //! read → cage → simulate → give way → export → pictures → report. Everything is computed before the first file is written.
 
+pub(crate) mod body;
 mod deliver;
+pub(crate) mod filmed;
 pub mod softness;
 pub mod yielding;
 
@@ -10,14 +12,11 @@ pub use softness::{PRESETS, Softness};
 
 use crate::event::{Event, Progress, tell};
 use crate::{Error, Physics};
-use animimic_fit::soft::{Report as Simulation, Settings, Stepping, Tissue};
-use animimic_scene::{Asset, Motion, Refined, Trajectory, io};
+use animimic_fit::soft::{Settings, Stepping, Tissue};
+use animimic_scene::{Asset, Motion, io};
 use animimic_sim::tet::DEFAULT_TETS;
-use glam::DVec3;
-use rayon::prelude::*;
+use body::Softened;
 use std::path::PathBuf;
-use std::time::Instant;
-use yielding::{Yielded, give_way};
 
 /// A model with a clip, and how soft it shall be.
 #[derive(Clone, Debug)]
@@ -78,26 +77,6 @@ impl Soften {
     }
 }
 
-/// A clip with soft tissue.
-pub(crate) struct Softened {
-    pub motion: Motion,
-    /// Surfaces \[frame\]\[vertex\].
-    pub skinned: Vec<Vec<DVec3>>,
-    pub soft: Vec<Vec<DVec3>>,
-    pub simulation: Simulation,
-    pub yielded: Yielded,
-    pub tets: usize,
-    /// Wall time of the forward simulation [s].
-    pub simulated_s: f64,
-}
-
-impl Softened {
-    fn refined(&self) -> Refined {
-        let trajectory = Trajectory { fps: self.motion.fps, frames: self.soft.clone() };
-        Refined { motion: self.motion.clone(), trajectory: Some(trajectory) }
-    }
-}
-
 /// Gives a clip of an animated model soft tissue; writes `softened.glb`, `views.mp4` (skinning and soft side by side) and
 /// `report.json` into the folder `job.out`, and returns the report.
 ///
@@ -121,30 +100,20 @@ pub fn soften(job: &Soften, progress: &mut Progress) -> Result<serde_json::Value
 
 fn simulate(job: &Soften, asset: &Asset, motion: Motion, progress: &mut Progress) -> Result<Softened, Error> {
     tell(progress, Event::Stage { name: "tetrahedra" })?;
-    let settings = Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)? };
+    let settings =
+        Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)?, ..Settings::default() };
     let tissue = Tissue::new(asset, &settings)?;
     let elasticity = softness::elasticity(asset, &tissue, &job.softness)?;
     tell(progress, Event::Stage { name: "simulating" })?;
-    let clock = Instant::now();
     let stepping = Stepping { mass_damping: job.damping, ..Stepping::default() };
-    let simulated = tissue.simulate(&elasticity, &stepping, &motion.poses, motion.fps)?;
-    let simulated_s = clock.elapsed().as_secs_f64();
-    let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
-    let pairs: Vec<(Vec<DVec3>, Vec<DVec3>)> = (motion.poses.par_iter().zip(cages))
-        .map(|(pose, cage)| {
-            let world = tissue.world(pose);
-            (asset.rig.skinned(&world), tissue.surface(cage, &world))
-        })
-        .collect();
-    let (skinned, mut soft): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
+    let mut softened = body::soften(&tissue, &elasticity, &stepping, &motion)?;
     tell(progress, Event::Stage { name: "self-intersections" })?;
-    let yielded = give_way(&asset.mesh, &skinned, &mut soft);
-    let (simulation, tets) = (simulated.report, tissue.body.tets.len());
-    Ok(Softened { motion, skinned, soft, simulation, yielded, tets, simulated_s })
+    softened.uncross(&tissue);
+    Ok(softened)
 }
 
 /// Joints by name.
-fn joints(asset: &Asset, names: &[String]) -> Result<Vec<usize>, Error> {
+pub(crate) fn joints(asset: &Asset, names: &[String]) -> Result<Vec<usize>, Error> {
     let all = &asset.rig.skeleton.joints;
     let find = |name: &String| {
         all.iter().position(|j| j.name == *name).ok_or_else(|| {

@@ -12,6 +12,7 @@ pub mod estimate;
 pub mod evidence;
 pub mod fixtures;
 pub mod holds;
+pub mod learn;
 pub mod loosen;
 pub mod motion;
 mod normal;

@@ -1,0 +1,41 @@
+//! Stage 2: soft tissue for the takes of a job.
+
+use super::motion::Scene;
+use super::{Job, Model, Take};
+use crate::Error;
+use crate::event::Progress;
+use crate::soften::filmed::{Ask, Filmed, refine as soften};
+use crate::soften::joints;
+use animimic_fit::soft::Settings;
+use serde_json::Value;
+
+/// Gives each take the soft surface that its frames speak for; returns what was learnt of the material.
+pub fn refine(job: &Job, model: Model, takes: &mut [Take], progress: &mut Progress) -> Result<Value, Error> {
+    let flesh = &job.flesh;
+    let settings = Settings {
+        tets: flesh.tets,
+        size_m: flesh.size_m,
+        loose: joints(model.asset, &flesh.loose)?,
+        ..Settings::default()
+    };
+    let ask = Ask { settings, young: flesh.young };
+    let filmed: Vec<Filmed> = takes
+        .iter()
+        .map(|take| Filmed {
+            scene: Scene {
+                asset: model.solved,
+                camera: &take.camera.main,
+                video: &take.video,
+                cues: &take.cues,
+                background: &take.background,
+            },
+            motion: &take.motion,
+        })
+        .collect();
+    let outcome = soften(model.asset, model.solved, &filmed, &ask, progress)?;
+    for ((take, trajectory), report) in takes.iter_mut().zip(outcome.trajectories).zip(outcome.reports) {
+        take.trajectory = trajectory;
+        take.softness = report;
+    }
+    Ok(outcome.material)
+}
