@@ -51,13 +51,20 @@ pub(crate) struct Take {
 
 /// The model, and what of it is drawn, solved and measured: itself, or a coarse stand-in for a dense mesh.
 #[derive(Clone, Copy)]
-struct Model<'a> {
-    asset: &'a Asset,
-    solved: &'a Asset,
+pub(crate) struct Model<'a> {
+    pub asset: &'a Asset,
+    pub solved: &'a Asset,
+}
+
+impl<'a> Model<'a> {
+    /// The model with its stand-in, if it has one.
+    pub fn new(asset: &'a Asset, stand_in: &'a Option<Asset>) -> Self {
+        Self { asset, solved: stand_in.as_ref().unwrap_or(asset) }
+    }
 }
 
 /// Triangles of the stand-in: at working size more of them are smaller than a pixel.
-const PROXY_TRIANGLES: usize = 20_000;
+pub(crate) const PROXY_TRIANGLES: usize = 20_000;
 
 /// Wall time of each stage, in order.
 #[derive(Default)]
@@ -111,7 +118,7 @@ fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset
         tell(progress, Event::Warning(warning.clone()))?;
     }
     let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
-    let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset) };
+    let model = Model::new(&asset, &stand_in);
     let names = job.clip_names();
     let mut takes = Vec::new();
     for (index, name) in names.into_iter().enumerate() {
@@ -138,15 +145,22 @@ fn read_model(path: &Path) -> Result<Asset, Error> {
     Ok(asset)
 }
 
-/// Reads video number `index`, finds its cues, its camera and the motion in it.
-fn take(
+/// A video with its cues and its camera.
+pub(crate) struct Footage {
+    pub video: Video,
+    pub found: cues::providers::Found,
+    pub camera: CameraFile,
+}
+
+/// Reads video number `index`, finds its cues and its camera.
+pub(crate) fn footage(
     job: &Job,
     model: Model,
     index: usize,
-    name: String,
+    name: &str,
     clock: &mut Clock,
     progress: &mut Progress,
-) -> Result<Take, Error> {
+) -> Result<Footage, Error> {
     tell(progress, Event::Stage { name: "reading" })?;
     let read = animimic_video::ReadOptions {
         working_height: Some(job.height_px),
@@ -167,11 +181,23 @@ fn take(
     tell(progress, Event::Stage { name: "camera" })?;
     let camera = clock.time("camera", || choose_camera(job, model, &video, &found.cues, &found.background))?;
     if given.masks.is_none() {
-        let rest = &model.solved.rig;
-        let rest = rest.at_rest();
+        let rest = model.solved.rig.at_rest();
         let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
         clock.time("masks", || crate::cues::refine_masks(&video, &silhouette, &mut found))?;
     }
+    Ok(Footage { video, found, camera })
+}
+
+/// Reads video number `index`, finds its cues, its camera and the motion in it.
+fn take(
+    job: &Job,
+    model: Model,
+    index: usize,
+    name: String,
+    clock: &mut Clock,
+    progress: &mut Progress,
+) -> Result<Take, Error> {
+    let Footage { video, found, camera } = footage(job, model, index, &name, clock, progress)?;
     tell(progress, Event::Stage { name: "motion" })?;
     let scene = motion::Scene {
         asset: model.solved,

@@ -21,11 +21,18 @@ const ELEVATION: f64 = 0.2;
 const FIELD_OF_VIEW: f64 = 0.6;
 const ROOM: f64 = 1.05;
 
-/// Writes all files; returns the report.
-pub fn write(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progress) -> Result<Value, Error> {
+/// Writes all files; returns the report, with what was learnt from a video.
+pub fn write(
+    job: &Soften,
+    asset: &Asset,
+    softened: &Softened,
+    learnt: Value,
+    progress: &mut Progress,
+) -> Result<Value, Error> {
     std::fs::create_dir_all(&job.out).map_err(Error::io(&job.out))?;
     let glb = job.out.join("softened.glb");
-    let report = report(job, asset, softened);
+    let mut report = report(job, asset, softened);
+    learnt.as_object().into_iter().flatten().for_each(|(k, v)| report[k] = v.clone());
     let options = ExportOptions { extras: report.clone(), ..Default::default() };
     let clips = [softened.refined()];
     let delivered = deliver(job.physics, &Delivery { asset, clips: &clips, glb: &glb, options })?;

@@ -1,4 +1,4 @@
-//! Soft tissue for an animation that is there already: no video, stiffness chosen by hand.
+//! Soft tissue for an animation that is there already: stiffness chosen by hand, or learnt from a video of the clip.
 //!
 //! read → cage → simulate → give way → export → pictures → report. Everything is computed before the first file is written.
 
@@ -10,13 +10,18 @@ pub mod yielding;
 
 pub use softness::{PRESETS, Softness};
 
+use crate::animate::motion::Scene;
+use crate::animate::{Clock, Job, Model, PROXY_TRIANGLES, footage};
+use crate::camera::CameraChoice;
 use crate::event::{Event, Progress, tell};
 use crate::{Error, Physics};
 use animimic_fit::soft::{Settings, Stepping, Tissue};
+use animimic_scene::io::gltf::Clip;
 use animimic_scene::{Asset, Motion, io};
 use animimic_sim::tet::DEFAULT_TETS;
 use body::Softened;
-use std::path::PathBuf;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
 
 /// A model with a clip, and how soft it shall be.
 #[derive(Clone, Debug)]
@@ -25,6 +30,10 @@ pub struct Soften {
     pub model: PathBuf,
     /// Folder for the results; made if absent.
     pub out: PathBuf,
+    /// A video that shows the clip: the stiffness is then learnt from it.
+    pub video: Option<PathBuf>,
+    /// Its camera.
+    pub camera: CameraChoice,
     /// Name of the clip; the first where absent.
     pub clip: Option<String>,
     /// Stiffness, for all or by material; later entries count more.
@@ -51,6 +60,8 @@ impl Soften {
         Self {
             model: model.into(),
             out: out.into(),
+            video: None,
+            camera: CameraChoice::Auto,
             clip: None,
             softness: Vec::new(),
             tets: DEFAULT_TETS,
@@ -92,17 +103,62 @@ pub fn soften(job: &Soften, progress: &mut Progress) -> Result<serde_json::Value
     if asset.mesh.triangles.is_empty() {
         return Err(Error::Input(format!("{}: has no triangles", job.model.display())));
     }
-    let motion = crate::measure::clip(&asset, &job.model, job.clip.as_deref())?.motion(&asset.rig.skeleton, job.fps)?;
-    let softened = simulate(job, &asset, motion, progress)?;
+    let clip = crate::measure::clip(&asset, &job.model, job.clip.as_deref())?;
+    let (softened, material) = match &job.video {
+        Some(video) => learnt(job, &asset, &clip, video, progress)?,
+        None => (simulate(job, &asset, clip.motion(&asset.rig.skeleton, job.fps)?, progress)?, Value::Null),
+    };
     tell(progress, Event::Stage { name: "writing" })?;
-    deliver::write(job, &asset, &softened, progress)
+    deliver::write(job, &asset, &softened, material, progress)
+}
+
+/// Soft tissue of a stiffness that is learnt from a video of the clip.
+fn learnt(
+    job: &Soften,
+    asset: &Asset,
+    clip: &Clip,
+    video: &Path,
+    progress: &mut Progress,
+) -> Result<(Softened, Value), Error> {
+    let stand_in = animimic_rig::proxy(asset, PROXY_TRIANGLES);
+    let model = Model::new(asset, &stand_in);
+    let filming = Job { camera: job.camera.clone(), ..Job::new(&job.model, vec![video.to_owned()], &job.out) };
+    let mut footage = footage(&filming, model, 0, &clip.name, &mut Clock::default(), progress)?;
+    let mut motion = clip.motion(&asset.rig.skeleton, footage.video.fps)?;
+    let frames = motion.poses.len().min(footage.video.frames.len());
+    if frames < 2 {
+        return Err(Error::Input(format!(
+            "{}: the clip and the video have {frames} frames in common",
+            video.display()
+        )));
+    }
+    motion.poses.truncate(frames);
+    footage.video.frames.truncate(frames);
+    footage.found.cues.masks.truncate(frames);
+    let scene = Scene {
+        asset: model.solved,
+        camera: &footage.camera.main,
+        video: &footage.video,
+        cues: &footage.found.cues,
+        background: &footage.found.background,
+    };
+    let young = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
+    let ask = filmed::Ask { settings: settings(job, asset)?, young };
+    let filmed = [filmed::Filmed { scene, motion: &motion }];
+    let mut outcome = filmed::refine(asset, model.solved, &filmed, &ask, progress)?;
+    let softened = outcome.clips.pop().expect("one clip went in");
+    let mut report = outcome.reports.pop().expect("one clip went in");
+    report["material"] = outcome.material;
+    Ok((softened, report))
+}
+
+fn settings(job: &Soften, asset: &Asset) -> Result<Settings, Error> {
+    Ok(Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)?, ..Settings::default() })
 }
 
 fn simulate(job: &Soften, asset: &Asset, motion: Motion, progress: &mut Progress) -> Result<Softened, Error> {
     tell(progress, Event::Stage { name: "tetrahedra" })?;
-    let settings =
-        Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)?, ..Settings::default() };
-    let tissue = Tissue::new(asset, &settings)?;
+    let tissue = Tissue::new(asset, &settings(job, asset)?)?;
     let elasticity = softness::elasticity(asset, &tissue, &job.softness)?;
     tell(progress, Event::Stage { name: "simulating" })?;
     let stepping = Stepping { mass_damping: job.damping, ..Stepping::default() };
