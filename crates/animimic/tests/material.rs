@@ -21,9 +21,9 @@ const BEHIND: [u8; 3] = [225; 3];
 const ARMS: [f64; 3] = [6e4, 2e5, 8e5];
 const BODY: f64 = 1e6;
 
-/// Surfaces of the truth \[frame\]\[vertex\], on another cage and with finer steps than the fit has.
+/// Surfaces of the truth \[frame\]\[vertex\], on the cage that the fit has: a lattice is stiffer the coarser it is.
 fn truth(asset: &Asset, motion: &Motion) -> Vec<Vec<DVec3>> {
-    let settings = Settings { tets: 2500, loose: ARM_JOINTS.to_vec(), ..Settings::default() };
+    let settings = Settings { tets: 1500, loose: ARM_JOINTS.to_vec(), ..Settings::default() };
     let tissue = Tissue::new(asset, &settings).unwrap();
     let groups = Groups::new(&tissue, 16);
     let mut ln_youngs = vec![BODY.ln(); groups.parents.len()];

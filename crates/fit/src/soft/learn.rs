@@ -12,6 +12,7 @@ use super::{Settings, Stepping, Tissue};
 use crate::FitError;
 use crate::stage1::solve::Stage;
 use animimic_scene::{Asset, Pose};
+use animimic_sim::tet::cage;
 use animimic_sim::{Elasticity, Model};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -88,26 +89,29 @@ pub fn learn(
     watched: &[Watched],
     go_on: &mut dyn FnMut(f64) -> Result<(), FitError>,
 ) -> Result<Learnt, FitError> {
-    let skinned: Vec<Vec<Vec<DVec3>>> = watched.iter().map(|w| skinned(asset, w.poses)).collect();
-    let mut seen = look(watched, &skinned);
-    let solid = (wish.poisson, wish.density);
-    go_on(0.1)?;
-    let coarse = Settings { tets: settings.tets.min(TETS), ..settings.clone() };
-    let coarse = if wish.loosen { loosen::loose(asset, &coarse, &clips(watched, &seen), solid)? } else { coarse };
-    let tissue = Tissue::new(asset, &coarse)?;
+    let mut surfaces: Vec<Vec<Vec<DVec3>>> = watched.iter().map(|w| skinned(asset, w.poses)).collect();
+    let rounds = wish.rounds.max(1);
+    let mut made = Settings { tets: settings.tets.min(TETS), ..settings.clone() };
+    let cage = cage(&asset.mesh, made.tets)?;
+    let mut tissue = Tissue::with_cage(asset, cage.clone(), &made)?;
     let groups = Groups::new(&tissue, GROUPS);
     let prior = material(&groups, &tissue, &vec![wish.young.ln(); groups.parents.len()], wish);
     let deviations = vec![wish.deviation; groups.parents.len()];
     let mut found: Option<Estimate> = None;
     let mut first = None;
-    for round in 0..wish.rounds.max(1) {
-        go_on(0.3 + 0.7 * round as f64 / wish.rounds.max(1) as f64)?;
-        if let Some(e) = &found {
-            let drawn: Vec<Vec<Vec<DVec3>>> =
-                watched.iter().map(|w| surfaces(&tissue, &e.elasticity, w)).collect::<Result<_, _>>()?;
-            seen = look(watched, &drawn);
-        }
+    for round in 0..rounds {
+        go_on(round as f64 / rounds as f64)?;
+        let seen = look(watched, &surfaces, round == 0);
         let clips = clips(watched, &seen);
+        // What hangs loose is seen better once what was found to be loose before is where it belongs.
+        if wish.loosen && (round == 0 || made.loose.len() > settings.loose.len()) {
+            let looser = loosen::loose(asset, &made, &clips, (wish.poisson, wish.density))?;
+            if (&looser.loose, looser.held_roots) != (&made.loose, made.held_roots) {
+                tissue = Tissue::with_cage(asset, cage.clone(), &looser)?;
+                (made, found) = (looser, None);
+            }
+        }
+        go_on((round as f64 + 0.4) / rounds as f64)?;
         let problem = Problem {
             tissue: &tissue,
             clips: &clips,
@@ -119,12 +123,15 @@ pub fn learn(
         };
         let next = problem.fit(&prior, found.as_ref(), wish.steps)?;
         first = first.or(Some(next.energies[0]));
+        if round + 1 < rounds {
+            surfaces = watched.iter().map(|w| simulated(&tissue, &next.elasticity, w)).collect::<Result<_, _>>()?;
+        }
         found = Some(next);
     }
     let found = found.ok_or_else(|| FitError::Input("there is no video to learn from".into()))?;
     let last = found.energies.last().copied().unwrap_or(0.0);
     Ok(Learnt {
-        settings: Settings { tets: settings.tets, ..coarse },
+        settings: Settings { tets: settings.tets, ..made },
         groups,
         ln_youngs: found.elasticity.ln_youngs,
         deviations: found.deviations,
@@ -147,8 +154,10 @@ fn material(groups: &Groups, tissue: &Tissue, ln_youngs: &[f64], wish: &Wish) ->
     Elasticity { cluster: groups.of_tets(tissue), ln_youngs: ln_youngs.to_vec(), ..one }
 }
 
-fn look<'a>(watched: &[Watched<'a>], surfaces: &[Vec<Vec<DVec3>>]) -> Vec<Seen<'a>> {
-    watched.iter().zip(surfaces).map(|(w, s)| Seen::new(w.stage, s)).collect()
+/// Looks for surfaces in all videos, first from far, then from near.
+fn look<'a>(watched: &[Watched<'a>], surfaces: &[Vec<Vec<DVec3>>], first: bool) -> Vec<Seen<'a>> {
+    let reach = |s: &Stage| if first { s.settings.reach_px.0 } else { s.settings.reach_px.1 };
+    watched.iter().zip(surfaces).map(|(w, s)| Seen::new(w.stage, s, reach(w.stage))).collect()
 }
 
 fn clips<'a>(watched: &[Watched<'a>], seen: &'a [Seen]) -> Vec<Clip<'a>> {
@@ -162,7 +171,7 @@ pub fn skinned(asset: &Asset, poses: &[Pose]) -> Vec<Vec<DVec3>> {
     poses.par_iter().map(|p| asset.rig.skinned(&skeleton.world_from_joint(&p.locals))).collect()
 }
 
-fn surfaces(tissue: &Tissue, material: &Elasticity, watched: &Watched) -> Result<Vec<Vec<DVec3>>, FitError> {
+fn simulated(tissue: &Tissue, material: &Elasticity, watched: &Watched) -> Result<Vec<Vec<DVec3>>, FitError> {
     let simulated = tissue.simulate(material, &Stepping::default(), watched.poses, watched.fps)?;
     let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
     let frames = cages.par_iter().zip(watched.poses);
@@ -187,7 +196,7 @@ pub fn judge(asset: &Asset, groups: &Groups, stage: &Stage, skinned: &[Vec<DVec3
     let mut by_group = vec![[0.0; 2]; groups.parents.len()];
     let mut energies = [0.0; 2];
     for (k, surfaces) in [skinned, soft].into_iter().enumerate() {
-        let seen = Seen::new(stage, surfaces);
+        let seen = Seen::new(stage, surfaces, stage.settings.reach_px.1);
         energies[k] = seen.energy(surfaces);
         for (t, surface) in surfaces.iter().enumerate() {
             for r in seen.residuals(t, surface) {

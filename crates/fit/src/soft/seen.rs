@@ -39,8 +39,8 @@ struct Target {
 }
 
 impl<'a> Seen<'a> {
-    /// Looks for the surfaces \[frame\]\[vertex\] in the frames.
-    pub fn new(stage: &'a Stage<'a>, surfaces: &[Vec<DVec3>]) -> Self {
+    /// Looks for the surfaces \[frame\]\[vertex\] in the frames, outlines within `reach_px`.
+    pub fn new(stage: &'a Stage<'a>, surfaces: &[Vec<DVec3>], reach_px: f64) -> Self {
         let rest = stage.subject.tree.kinematics.rest();
         let sights: Vec<Sight> = surfaces
             .par_iter()
@@ -55,7 +55,7 @@ impl<'a> Seen<'a> {
         }
         Self {
             stage,
-            targets: sights.par_iter().enumerate().map(|(t, s)| targets(stage, s, t)).collect(),
+            targets: sights.par_iter().enumerate().map(|(t, s)| targets(stage, s, t, reach_px)).collect(),
             lights: sights.par_iter().enumerate().map(|(t, s)| stage.exposed_to(s, t)).collect(),
             observed: stage.frames.par_iter().map(|f| observed(f, stage.contour_bias_px)).collect(),
         }
@@ -73,12 +73,12 @@ impl<'a> Seen<'a> {
 
 /// How unlike the video surfaces \[frame\]\[vertex\] are, by stage 1's terms: looked for anew where they are.
 pub fn energy(stage: &Stage, surfaces: &[Vec<DVec3>]) -> f64 {
-    Seen::new(stage, surfaces).energy(surfaces)
+    Seen::new(stage, surfaces, stage.settings.reach_px.1).energy(surfaces)
 }
 
-fn targets(stage: &Stage, sight: &Sight, t: usize) -> Vec<Target> {
+fn targets(stage: &Stage, sight: &Sight, t: usize, reach_px: f64) -> Vec<Target> {
     let s = &stage.settings;
-    let found = stage.correspond_to(sight, t, s.reach_px.1);
+    let found = stage.correspond_to(sight, t, reach_px);
     let (fine, coarse) = (Robust::Huber(s.final_huber_px), Robust::Huber(s.final_huber_px.max(CONTOUR_HUBER_PX)));
     let kinds: [(&[PixelTarget], f64, Robust); 3] = [
         (&found.flow, s.flow * s.final_flow, fine),

@@ -85,7 +85,7 @@ fn with_evidence(asset: &Asset, truth: &[Vec<DVec3>], contour: f64, work: impl F
     let settings = crate::stage1::Settings { contour, ..Default::default() };
     let stage = stage(&input, &subject, &light, settings);
     let still = vec![asset.mesh.positions.clone(); truth.len()];
-    work(&Seen::new(&stage, &still));
+    work(&Seen::new(&stage, &still, 5.0));
 }
 
 #[test]
