@@ -25,6 +25,9 @@ pub fn lines(object: &Value) -> String {
                 }
             }
             Value::String(s) => out += &format!("{key:28} {s}\n"),
+            Value::Array(list) if list.iter().all(Value::is_string) => {
+                list.iter().for_each(|s| out += &format!("{key:28} {}\n", s.as_str().unwrap_or_default()));
+            }
             other => out += &format!("{key:28} {other}\n"),
         }
     }

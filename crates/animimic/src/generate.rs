@@ -20,6 +20,8 @@ pub enum Start {
         camera: CameraChoice,
         /// The still's width and height [px].
         size_px: [u32; 2],
+        /// Mend a model that is broken in small ways instead of refusing it.
+        repair: bool,
     },
     /// A PNG or JPEG that is there already.
     Still(PathBuf),
@@ -73,9 +75,9 @@ impl Moving {
 fn picture(start: &Start, to: &Path) -> Result<(PathBuf, Option<PathBuf>), Error> {
     match start {
         Start::Still(path) => Ok((path.clone(), None)),
-        Start::Model { model, camera, size_px } => {
+        Start::Model { model, camera, size_px, repair } => {
             let (model, camera, out) = (model.clone(), camera.clone(), to.with_extension("png"));
-            let drawn = still(&Still { model, out, camera, size_px: *size_px, background: None })?;
+            let drawn = still(&Still { model, out, camera, size_px: *size_px, background: None, repair: *repair })?;
             Ok((drawn.picture, Some(drawn.camera)))
         }
     }

@@ -6,7 +6,7 @@ use animimic_sim::tet::{Quality, cage, quality};
 use std::path::Path;
 
 /// What was made.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct TetReport {
     /// Tets.
     pub tets: usize,
@@ -16,6 +16,8 @@ pub struct TetReport {
     pub spacing: f64,
     /// How good the tets are and how they hang together.
     pub quality: Quality,
+    /// What was odd about the model.
+    pub warnings: Vec<String>,
 }
 
 impl TetReport {
@@ -31,18 +33,19 @@ impl TetReport {
             "inverted": self.quality.inverted,
             "components": self.quality.components,
             "euler": self.quality.euler,
+            "warnings": self.warnings,
         })
     }
 }
 
-/// Reads a model and writes a cage of about `tets` tets around it as `out` (`.vtu`, `.msh` or `.npz`).
+/// Reads a model (mended if `repair`) and writes a cage of about `tets` tets around it as `out` (`.vtu`, `.msh` or `.npz`).
 ///
 /// # Errors
 /// Files that cannot be read or written; a model without a surface; a file name of no such format.
-pub fn tet_files(model: &Path, out: &Path, tets: usize) -> Result<TetReport, Error> {
+pub fn tet_files(model: &Path, out: &Path, tets: usize, repair: bool) -> Result<TetReport, Error> {
     // Asked first: a wrong name is not found out after the work.
     io::tets::format(out)?;
-    let asset = io::read(model)?;
+    let asset = io::read_with(model, &io::ReadOptions { repair })?;
     let cage = cage(&asset.mesh, tets)?;
     io::tets::write(out, &cage.mesh, &cage.embedding)?;
     Ok(TetReport {
@@ -50,5 +53,6 @@ pub fn tet_files(model: &Path, out: &Path, tets: usize) -> Result<TetReport, Err
         vertices: cage.mesh.positions.len(),
         spacing: cage.spacing,
         quality: quality(&cage.mesh),
+        warnings: asset.warnings,
     })
 }

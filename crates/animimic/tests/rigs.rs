@@ -147,6 +147,7 @@ fn a_rig_txt_that_was_written_is_read_back_identically_and_by_an_independent_rea
         detail: 3,
         file: None,
         picture: None,
+        repair: false,
     };
     let report: RigReport = rig_files(&job, &mut |_| ControlFlow::Continue(())).unwrap();
     let (asset, rig) = {
@@ -212,6 +213,7 @@ fn a_rigged_glb_stands_where_the_model_stood_and_bends() {
         detail: 2,
         file: None,
         picture: None,
+        repair: false,
     };
     let report = rig_files(&job, &mut |_| ControlFlow::Continue(())).unwrap();
     let (before, after) = (io::read(&model).unwrap(), io::read(&out).unwrap());

@@ -5,7 +5,7 @@ use crate::error::{Result, VideoError};
 use crate::pixels::{shrink, working_size};
 use crate::source::{self, Opened, Picture, ffmpeg};
 use crate::timing::{Resampling, resample};
-use animimic_scene::Video;
+use animimic_scene::{Image, Mask, Video};
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
@@ -45,22 +45,38 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Video> {
     }
     let head = read_head(path)?;
     let direct = match source::find(path, &head) {
-        Some(kind) => kind.open(path).and_then(|opened| read_opened(path, opened.as_ref(), options)),
+        Some(kind) => kind.open(path).and_then(|opened| decoded(path, opened.as_ref(), options)),
         None => Err(not_a_video(path, &head)),
     };
-    match direct {
+    let mut video = match direct {
         Err(VideoError::Unsupported { reason, path, command }) => {
             let folder = tempfile::tempdir().map_err(VideoError::io(std::env::temp_dir()))?;
             let Some(converted) = ffmpeg::convert(&path, folder.path()) else {
                 return Err(VideoError::Unsupported { reason, path, command });
             };
-            let opened = source::mp4::Mp4::open_file(&converted?)?;
-            let mut video = read_opened(&path, opened.as_ref(), options)?;
+            let mut video = read_converted(&path, &converted?, options)?;
             video.warnings.push(format!("{reason}: converted by the system's ffmpeg"));
-            Ok(video)
+            video
         }
-        other => other,
+        other => other?,
+    };
+    cut::trim(&mut video, path)?;
+    Ok(video)
+}
+
+/// Colour, and alpha where it was converted too, with what the frames are called in the original.
+fn read_converted(path: &Path, converted: &ffmpeg::Converted, options: &ReadOptions) -> Result<Video> {
+    let open = |file: &Path| decoded(path, source::mp4::Mp4::open_file(file)?.as_ref(), options);
+    let mut video = open(&converted.color)?;
+    if let Some(alpha) = &converted.alpha {
+        let grey = |image: Image| Mask {
+            width: image.width,
+            height: image.height,
+            coverage: image.rgb.iter().map(|p| p[1]).collect(),
+        };
+        video.alpha = open(alpha)?.frames.into_iter().map(grey).collect();
     }
+    Ok(video)
 }
 
 fn read_head(path: &Path) -> Result<Vec<u8>> {
@@ -97,7 +113,7 @@ fn not_a_video(path: &Path, head: &[u8]) -> VideoError {
     }
 }
 
-fn read_opened(path: &Path, opened: &dyn Opened, options: &ReadOptions) -> Result<Video> {
+fn decoded(path: &Path, opened: &dyn Opened, options: &ReadOptions) -> Result<Video> {
     let times = opened.times_secs();
     let Resampling { fps, mut source } = resample(times, options.max_fps);
     if let Some(range) = &options.frames {
@@ -158,7 +174,6 @@ fn read_opened(path: &Path, opened: &dyn Opened, options: &ReadOptions) -> Resul
             .push(format!("{} of {} frames decoded, neighbours stand in for the rest", report.sound, report.promised));
     }
     fill(&mut video, path, times, &source, pictures)?;
-    cut::trim(&mut video, path)?;
     Ok(video)
 }
 

@@ -35,6 +35,9 @@ pub struct Fitting {
     /// Height at which the video is worked on [px]; never enlarged
     #[arg(long, value_name = "PX", default_value_t = 512)]
     pub height: usize,
+    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
+    #[arg(long)]
+    pub repair: bool,
     /// How the motion is found (see `animimic list presets`)
     #[arg(long, value_name = "NAME", default_value_t = Preset::Default)]
     pub preset: Preset,
@@ -71,6 +74,7 @@ impl Fitting {
             tracks: self.tracks.clone(),
             depth: self.depth.clone(),
             preset: self.preset,
+            repair: self.repair,
             seed: common.seed,
             ..Job::new(model, videos, out)
         }

@@ -22,7 +22,7 @@ pub struct Generate {
     #[arg(short, long, value_name = "FILE.mp4")]
     out: PathBuf,
     /// A PNG or JPEG to start from instead of drawing one
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["model", "camera", "size"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["model", "camera", "size", "repair"])]
     still: Option<PathBuf>,
     /// Camera of the still: auto, preset:NAME or a camera.json
     #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto")]
@@ -30,6 +30,9 @@ pub struct Generate {
     /// Width and height of the still [px]
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
     size: [u32; 2],
+    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
+    #[arg(long)]
+    repair: bool,
     /// The service's model [default: one that the provider names]
     #[arg(long = "service-model", value_name = "NAME")]
     service_model: Option<String>,
@@ -69,7 +72,7 @@ impl Generate {
         let start = match (&self.still, &self.model) {
             (Some(still), _) => Start::Still(still.clone()),
             (None, Some(model)) => {
-                Start::Model { model: model.clone(), camera: self.camera.clone(), size_px: self.size }
+                Start::Model { model: model.clone(), camera: self.camera.clone(), size_px: self.size, repair: self.repair }
             }
             (None, None) => anyhow::bail!("give a model, or --still FILE"),
         };

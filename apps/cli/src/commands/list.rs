@@ -26,6 +26,8 @@ enum Kind {
     Physics,
     /// Services and programs that make a video of a still
     Providers,
+    /// What `render` can show beside a model's looks
+    Overlays,
 }
 
 impl List {
@@ -54,6 +56,10 @@ impl List {
             Kind::Providers => animimic::generate::PROVIDERS
                 .iter()
                 .map(|p| (p.about().name.to_owned(), p.about().summary.to_owned()))
+                .collect(),
+            Kind::Overlays => animimic::turntable::overlays::OVERLAYS
+                .iter()
+                .map(|o| (o.name().to_owned(), o.summary().to_owned()))
                 .collect(),
             Kind::Riggers => {
                 animimic::RIGGERS.iter().map(|r| (r.name().to_owned(), r.summary().to_owned())).collect()

@@ -50,6 +50,6 @@ commands! {
     example::Example,
     /// Say what this machine offers, and how to get what it lacks
     doctor::Doctor,
-    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models, physics, providers
+    /// List what there is of a kind: formats, metrics, cameras, cues, presets, riggers, models, physics, providers, overlays
     list::List,
 }

@@ -22,6 +22,9 @@ pub struct Rig {
     /// Also draw skeleton and weights: .png for all sides, .mp4 for a turntable
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
+    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
+    #[arg(long)]
+    repair: bool,
 }
 
 impl Rig {
@@ -33,6 +36,7 @@ impl Rig {
             detail: self.detail,
             file: self.from.clone(),
             picture: self.picture.clone(),
+            repair: self.repair,
         };
         let mut bar = Bar::new(common);
         let report = rig_files(&job, &mut |e| bar.on_event(e))?;

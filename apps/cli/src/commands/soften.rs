@@ -47,6 +47,9 @@ pub struct Soften {
     /// How the soft motion is written (see `animimic list physics`)
     #[arg(long, value_name = "NAME", default_value_t = Physics::default())]
     physics: Physics,
+    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
+    #[arg(long)]
+    repair: bool,
 }
 
 impl Soften {
@@ -63,6 +66,7 @@ impl Soften {
             fps: self.fps,
             physics: self.physics,
             height_px: self.height,
+            repair: self.repair,
             ..animimic::soften::Soften::new(&self.model, &self.out)
         };
         let mut bar = Bar::new(common);

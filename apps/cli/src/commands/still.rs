@@ -18,6 +18,9 @@ pub struct Still {
     /// Background colour as RRGGBB [default: one that stands out from the model]
     #[arg(long, value_name = "RRGGBB", value_parser = color)]
     background: Option<[u8; 3]>,
+    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
+    #[arg(long)]
+    repair: bool,
 }
 
 pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
@@ -41,11 +44,13 @@ impl Still {
             camera: self.camera.clone(),
             size_px: self.size,
             background: self.background,
+            repair: self.repair,
         };
         let drawn = animimic::still::still(&job)?;
         out::print(common, &drawn.to_json(), || {
             let mut text = format!("{}\n{}\nview: {}\n", drawn.picture.display(), drawn.camera.display(), drawn.view);
             drawn.advice.iter().for_each(|line| text += &format!("{line}\n"));
+            drawn.warnings.iter().for_each(|line| text += &format!("warning: {line}\n"));
             text
         })
     }

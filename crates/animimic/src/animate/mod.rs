@@ -20,6 +20,8 @@ pub use fit::fit;
 pub use options::{Flesh, Job, Stage};
 pub use report::{ClipReport, LossCurve, Report};
 
+pub(crate) use residual::heat_map;
+
 use crate::camera::{self, CameraChoice};
 use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
@@ -28,7 +30,7 @@ use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// One video with all that was found out about it.
@@ -111,7 +113,7 @@ pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
 /// Finds the motion in every video and measures it.
 fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset, Vec<Take>, Report), Error> {
     tell(progress, Event::Stage { name: "reading" })?;
-    let mut asset = clock.time("read", || read_model(&job.model))?;
+    let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
@@ -137,12 +139,8 @@ fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset
     Ok((asset, takes, report))
 }
 
-fn read_model(path: &Path) -> Result<Asset, Error> {
-    let asset = io::read(path)?;
-    if asset.mesh.triangles.is_empty() {
-        return Err(Error::Input(format!("{}: has no triangles to animate", path.display())));
-    }
-    Ok(asset)
+fn read_model(job: &Job) -> Result<Asset, Error> {
+    Ok(io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?)
 }
 
 /// A video with its cues and its camera.

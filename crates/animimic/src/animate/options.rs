@@ -41,6 +41,8 @@ pub struct Job {
     pub flesh: Flesh,
     /// How motion that goes beyond the skeleton is delivered.
     pub physics: Physics,
+    /// Mend what is broken in small ways (indices and joints out of range, values that are not finite) instead of refusing.
+    pub repair: bool,
     /// Seed of everything random.
     pub seed: u64,
 }
@@ -125,6 +127,7 @@ impl Job {
             stage: Stage::default(),
             flesh: Flesh::default(),
             physics: Physics::default(),
+            repair: false,
             seed: 0,
         }
     }

@@ -15,6 +15,9 @@ use std::path::{Path, PathBuf};
 /// The rigger that is used when none is named.
 pub const DEFAULT_RIGGER: &str = "geometric";
 
+/// Joints above which a skeleton is not solved: time and memory grow with their square, and no character has a tenth of it.
+const MAX_JOINTS: usize = 2048;
+
 /// What is asked for.
 #[derive(Clone, Debug)]
 pub struct RigJob {
@@ -30,6 +33,8 @@ pub struct RigJob {
     pub file: Option<PathBuf>,
     /// Picture (`.png`) or turntable (`.mp4`) of skeleton and weights.
     pub picture: Option<PathBuf>,
+    /// Mend what is broken in small ways (indices and joints out of range, values that are not finite) instead of refusing.
+    pub repair: bool,
 }
 
 /// What was made.
@@ -73,7 +78,7 @@ pub fn rig_files(job: &RigJob, progress: &mut Progress) -> Result<RigReport, Err
     }
     find(&job.rigger)?;
     tell(progress, Event::Stage { name: "reading" })?;
-    let mut asset = io::read(&job.model)?;
+    let mut asset = io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
@@ -132,6 +137,13 @@ impl std::str::FromStr for RigChoice {
 /// No rig that bends the model where its own is to be kept; the rigger's own errors.
 pub fn choose(asset: &mut Asset, path: &Path, choice: &RigChoice) -> Result<String, Error> {
     let articulated = asset.rig.is_articulated();
+    let joints = asset.rig.skeleton.joints.len();
+    if articulated && joints > MAX_JOINTS && !matches!(choice, RigChoice::File(_)) {
+        return Err(Error::Input(format!(
+            "{}: a skeleton of {joints} joints, more than the {MAX_JOINTS} that are solved: make one with `animimic rig` or give --rig FILE",
+            path.display()
+        )));
+    }
     let (rigger, file) = match choice {
         RigChoice::Auto | RigChoice::Keep if articulated => return Ok("the model's own".into()),
         RigChoice::Keep => {

@@ -4,8 +4,9 @@ use super::plain_studio;
 use crate::Error;
 use crate::event::{Event, Progress, tell};
 use crate::pictures::Studio;
+use crate::turntable::overlays::{colored_by_weights, draw_bones};
 use animimic_render::{Light, overlay};
-use animimic_scene::{Asset, Camera, Image, Look};
+use animimic_scene::{Asset, Camera, Image};
 use glam::DVec3;
 use std::path::Path;
 
@@ -22,8 +23,6 @@ const DISTANCE: f64 = 5.2;
 /// How much of the model's colours stays behind a skeleton.
 const FAINT: f64 = 0.35;
 const WHITE: [u8; 3] = [244, 245, 246];
-const BONE: [u8; 3] = [30, 70, 200];
-const JOINT: [u8; 3] = [200, 40, 40];
 
 /// A rigged model ready to be drawn: as it looks, and by its weights.
 pub struct Sheet<'a> {
@@ -68,7 +67,7 @@ impl<'a> Sheet<'a> {
         for p in &mut faint.rgb {
             *p = [0, 1, 2].map(|c| (f64::from(p[c]) * FAINT + f64::from(WHITE[c]) * (1.0 - FAINT)) as u8);
         }
-        skeleton(&mut faint, &camera, self.asset, joints);
+        draw_bones(&mut faint, &camera, &self.asset.rig.skeleton, joints);
         overlay::paste(&mut out, &faint, 0, 0);
         overlay::paste(&mut out, &self.weights.draw(&camera, positions, WHITE).0, size, 0);
         out
@@ -78,37 +77,6 @@ impl<'a> Sheet<'a> {
         let skeleton = &self.asset.rig.skeleton;
         skeleton.rest_world().iter().map(|w| w.translation).collect()
     }
-}
-
-fn skeleton(picture: &mut Image, camera: &Camera, asset: &Asset, joints: &[DVec3]) {
-    for (j, joint) in asset.rig.skeleton.joints.iter().enumerate() {
-        if let Some(p) = joint.parent {
-            overlay::line(picture, camera.project(joints[p]), camera.project(joints[j]), 1.6, BONE, 1.0);
-        }
-    }
-    joints.iter().for_each(|&p| overlay::disc(picture, camera.project(p), 2.6, JOINT, 1.0));
-}
-
-/// The model with colours of its joints, mixed by weight, instead of its looks.
-fn colored_by_weights(asset: &Asset) -> Asset {
-    let skin = &asset.rig.skin;
-    let color = |joint: usize| {
-        // Hues a golden angle apart: neighbours in the list differ most.
-        let hue = joint as f64 * 0.618_034 * std::f64::consts::TAU;
-        [0.0, 2.1, 4.2].map(|shift| 0.45 + 0.4 * (hue + shift).cos())
-    };
-    let colors = skin.influences.iter().map(|list| {
-        let mut sum = [0.0f64; 3];
-        for i in list {
-            let c = color(skin.slots[i.slot as usize].joint);
-            (0..3).for_each(|k| sum[k] += i.weight * c[k]);
-        }
-        sum.map(|v| v as f32)
-    });
-    let mut mesh = asset.mesh.clone();
-    mesh.colors = colors.collect();
-    mesh.parts.iter_mut().for_each(|p| p.look = 0);
-    Asset { mesh, looks: vec![Look { double_sided: true, ..Look::default() }], ..Asset::default() }
 }
 
 /// Four sides and the top in one picture.

@@ -52,6 +52,8 @@ pub struct Soften {
     pub physics: Physics,
     /// Height of each view [px].
     pub height_px: usize,
+    /// Mend what is broken in small ways (indices and joints out of range, values that are not finite) instead of refusing.
+    pub repair: bool,
 }
 
 impl Soften {
@@ -71,6 +73,7 @@ impl Soften {
             fps: 30.0,
             physics: Physics::default(),
             height_px: 512,
+            repair: false,
         }
     }
 
@@ -96,12 +99,9 @@ impl Soften {
 pub fn soften(job: &Soften, progress: &mut Progress) -> Result<serde_json::Value, Error> {
     job.check()?;
     tell(progress, Event::Stage { name: "reading" })?;
-    let asset = io::read(&job.model)?;
+    let asset = io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
-    }
-    if asset.mesh.triangles.is_empty() {
-        return Err(Error::Input(format!("{}: has no triangles", job.model.display())));
     }
     let clip = crate::measure::clip(&asset, &job.model, job.clip.as_deref())?;
     let (softened, material) = match &job.video {

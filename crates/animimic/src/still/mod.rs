@@ -4,6 +4,8 @@
 
 mod view;
 
+pub(crate) use view::best as best_view;
+
 use crate::Error;
 use crate::camera::{self, CameraChoice};
 use crate::pictures::Studio;
@@ -26,6 +28,8 @@ pub struct Still {
     pub size_px: [u32; 2],
     /// Background colour; chosen to stand out from the model where absent.
     pub background: Option<[u8; 3]>,
+    /// Mend what is broken in small ways (indices and joints out of range, values that are not finite) instead of refusing.
+    pub repair: bool,
 }
 
 /// Text that every still carries under this key: its `camera.json`.
@@ -57,6 +61,8 @@ pub struct Drawn {
     pub background: [u8; 3],
     /// What to tell an image-to-video model.
     pub advice: Vec<String>,
+    /// What was odd about the model.
+    pub warnings: Vec<String>,
 }
 
 impl Drawn {
@@ -65,6 +71,7 @@ impl Drawn {
         json!({
             "picture": self.picture.display().to_string(), "camera": self.camera.display().to_string(), "view": self.view,
             "surface_seen": self.seen, "background_rgb": self.background, "advice": self.advice,
+            "warnings": self.warnings,
         })
     }
 }
@@ -81,7 +88,7 @@ pub fn still(job: &Still) -> Result<Drawn, Error> {
     if !(16..=LARGEST_PX).contains(&width) || !(16..=LARGEST_PX).contains(&height) {
         return Err(Error::Input(format!("a still is 16 to {LARGEST_PX} px wide and high, not {width}×{height}")));
     }
-    let asset = io::read(&job.model)?;
+    let asset = io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?;
     let rig = &asset.rig;
     let positions = rig.at_rest();
     let bounds = asset.mesh.bounds();
@@ -104,7 +111,7 @@ pub fn still(job: &Still) -> Result<Drawn, Error> {
     write_png(&job.out, &picture, &file)?;
     io::camera_json::write(&beside, &file)?;
     let advice = advice(&job.model, &beside);
-    Ok(Drawn { picture: job.out.clone(), camera: beside, view, seen, background, advice })
+    Ok(Drawn { picture: job.out.clone(), camera: beside, view, seen, background, advice, warnings: asset.warnings })
 }
 
 /// The background that the model's own colours keep farthest from.

@@ -4,29 +4,37 @@
 //! `video.mp4` and `camera.json`. Masks and tracks are the embedded ones and are made once, before any clock starts. For each
 //! case prints the total loss L of the reference (`fit::reference`) at its full iteration count and its CPU seconds, then L along
 //! two ways of ours, the CPU seconds at which each is first below that, and the ratio:
-//! - `same loss`: Levenberg–Marquardt from the rest pose on the same tracks, all frames together, then L itself by L-BFGS in the
-//!   metric of the banded Hessian;
+//! - `same loss`: Levenberg–Marquardt from the rest pose on L majorised by squares, all frames together, then L itself by L-BFGS in
+//!   the metric of that Hessian;
 //! - `default`: what `animate` does (tracking with several hypotheses, which does not read the tracks), refinement, polish.
 
+mod majorised;
+#[path = "../support/mod.rs"]
 mod support;
 
 use animimic_fit::quasi_newton::{Evaluation, Objective, minimise};
 use animimic_fit::reference::{self, Loss, Parts, Schedule};
-use animimic_fit::stage1::solve::{Smoothing, Stage, Strength};
+use animimic_fit::solver::{Options, linearize, solve};
+use animimic_fit::stage1::solve::Stage;
 use animimic_fit::stage1::subject::Subject;
 use animimic_fit::stage1::{self, Input, Settings};
 use animimic_math::block_tridiagonal::Factor;
-use animimic_rig::FramePose;
+use animimic_rig::{FramePose, Posed};
 use animimic_video::cues::{TrackOptions, tracks};
+use majorised::majorised;
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
 use support::Case;
 
-/// Steps of L-BFGS on L.
-const STEPS: usize = 40;
-/// Factors on the smoothness of the two rounds before: L weighs it more than tracking does.
-const SMOOTHNESS: [f64; 2] = [10.0, 100.0];
+/// Rounds of majorising and solving, and steps in each.
+const ROUNDS: (usize, usize) = (10, 2);
+/// Factor on the contour in the first round, falling to 1.
+const BOOST: f64 = 10.0;
+/// Times that the metric is made anew while L itself is minimised, and steps of L-BFGS with each.
+const CYCLES: (usize, usize) = (3, 10);
+/// Damping of the metric.
+const DAMPING: f64 = 1e-2;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1).peekable();
@@ -75,18 +83,18 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
     };
     let stage = stage1::stage(&input, &subject, &light, Settings::default());
     let mut poses = rest.clone();
-    let firm = |smoothness: f64| Strength {
-        huber_px: 0.5,
-        smoothing: Smoothing::Uniform(smoothness),
-        ..stage.strength(0.0, 1.0)
-    };
-    for smoothness in SMOOTHNESS {
+    for round in 0..ROUNDS.0 {
+        let boost = BOOST.powf(1.0 - round as f64 / (ROUNDS.0 - 1) as f64);
         race.step(&mut poses, |poses| {
-            stage.refine_once(poses, firm(smoothness));
+            let options = Options { max_iterations: ROUNDS.1, tolerance: 1e-4, damping: 1e-3 };
+            let start = poses.clone();
+            majorised(&stage, &start, boost, |problem| solve(problem, poses, 0..n, &options));
         });
     }
     let own = Loss::new(&input, &subject, &subject.tree.kinematics, &light);
-    race.same_loss(&mut poses, &own, &stage, firm(SMOOTHNESS[1]))?;
+    for _ in 0..CYCLES.0 {
+        race.same_loss(&mut poses, &own, &stage)?;
+    }
     race.end();
 
     let mut race = Race { name: "default", spent: 0.0, first: None, ..race };
@@ -144,19 +152,16 @@ impl Race<'_> {
     }
 
     /// Minimises L itself.
-    fn same_loss(
-        &mut self,
-        poses: &mut Vec<FramePose>,
-        loss: &Loss,
-        stage: &Stage,
-        strength: Strength,
-    ) -> Result<(), Box<dyn Error>> {
+    fn same_loss(&mut self, poses: &mut Vec<FramePose>, loss: &Loss, stage: &Stage) -> Result<(), Box<dyn Error>> {
         let start = cpu_seconds();
-        let metric = stage.metric(poses, strength).ok_or("the metric is not positive definite")?;
-        // What a pixel of a track costs in the stage's energy against L, and a tenth of that, because L1 is stiff near zero.
-        let scale = 0.1 * stage.settings.tracks * f64::from(stage.studio.camera.height) * poses.len() as f64 / 3.0;
-        let same = Same { loss, metric, scale };
-        let (end, history) = minimise(&same, std::mem::take(poses), STEPS, 1e-4);
+        let metric = majorised(stage, poses, 1.0, |problem| {
+            let posed: Vec<Posed> = poses.iter().map(|p| stage.subject.posed(p)).collect();
+            linearize(problem, poses, &posed, &(0..poses.len())).factor(DAMPING)
+        });
+        let metric = metric.ok_or("the metric is not positive definite")?;
+        // The normal matrix is half the Hessian of the energy, which is UNIT times L.
+        let same = Same { loss, metric, scale: 0.5 * majorised::UNIT };
+        let (end, history) = minimise(&same, std::mem::take(poses), CYCLES.1, 1e-4);
         *poses = end;
         let spent = cpu_seconds() - start;
         for (k, parts) in history.iter().enumerate().skip(1) {
