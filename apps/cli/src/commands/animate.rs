@@ -2,7 +2,6 @@ use super::fitting::Fitting;
 use crate::Common;
 use animimic::animate::{Flesh, Stage};
 use animimic::sim::tet::DEFAULT_TETS;
-use animimic::soften::Softness;
 use animimic::{Job, Physics, Progress};
 use std::path::{Path, PathBuf};
 
@@ -20,8 +19,8 @@ pub struct Animate {
     #[arg(long, value_name = "pose|soft", default_value_t = Stage::default())]
     stage: Stage,
     /// Stiffness that flesh is taken to have before the videos speak: pascals, or flesh, rubber, jelly, fat [default: flesh]
-    #[arg(long, value_name = "VALUE")]
-    young: Option<Softness>,
+    #[arg(long, value_name = "VALUE", value_parser = animimic::soften::young)]
+    young: Option<f64>,
     /// Name of a joint that does not hold what hangs on it; others are found by evidence; several may be given
     #[arg(long = "loose", value_name = "JOINT")]
     loose: Vec<String>,
@@ -48,7 +47,7 @@ impl Animate {
     }
 
     fn flesh(&self) -> Flesh {
-        let young = self.young.as_ref().map_or(Flesh::default().young, |s| s.young);
+        let young = self.young.unwrap_or(Flesh::default().young);
         Flesh { tets: self.tets, size_m: self.size_m, young, loose: self.loose.clone() }
     }
 }

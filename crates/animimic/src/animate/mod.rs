@@ -44,6 +44,8 @@ pub(crate) struct Take {
     pub motion: Motion,
     /// Where the surface goes beyond the skin; `None` where it does not.
     pub trajectory: Option<Trajectory>,
+    /// The soft surface \[frame\]\[vertex\], also where it is not kept; empty where it was not asked for.
+    pub shown: Vec<Vec<glam::DVec3>>,
     /// What the frames said of the soft surface; null where they were not asked.
     pub softness: serde_json::Value,
     pub losses: Vec<LossCurve>,
@@ -215,6 +217,7 @@ fn take(
         camera,
         motion: solved.motion,
         trajectory: None,
+        shown: Vec::new(),
         softness: serde_json::Value::Null,
         losses: solved.losses,
         uncertain: solved.uncertain,

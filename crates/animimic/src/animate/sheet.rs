@@ -42,20 +42,21 @@ impl<'a> Stage<'a> {
     }
 
     /// Video, result and both side views of frame `t`, side by side, labelled; where soft tissue was asked for, the skinned
-    /// result comes before the soft one, which the side views show.
+    /// surface stands beside the soft one, also where the frames did not speak for it.
     pub fn views(&self, t: usize) -> Image {
         let video = &self.take.video.frames[t];
-        let skinned = posed(self.asset, &self.take.motion.poses[t]);
-        let soft = self.take.trajectory.as_ref().map_or(&skinned, |s| &s.frames[t]);
+        let result = self.surface(t);
         let main = &self.take.camera.main;
         let draw = |camera: &Camera, x: &[DVec3]| self.studio.draw(camera, x, self.background).0;
         let mut panels = vec![("video", video.clone())];
-        if self.take.softness.is_null() {
-            panels.push(("result", draw(main, &skinned)));
+        if let Some(soft) = self.take.shown.get(t) {
+            let skinned = posed(self.asset, &self.take.motion.poses[t]);
+            let label = if self.take.trajectory.is_some() { "soft" } else { "soft (not kept)" };
+            panels.extend([("skinning", draw(main, &skinned)), (label, draw(main, soft))]);
         } else {
-            panels.extend([("skinning", draw(main, &skinned)), ("soft", draw(main, soft))]);
+            panels.push(("result", draw(main, &result)));
         }
-        panels.extend([("-45", draw(&self.sides[0], soft)), ("+45", draw(&self.sides[1], soft))]);
+        panels.extend([("-45", draw(&self.sides[0], &result)), ("+45", draw(&self.sides[1], &result))]);
         let mut out = Image::filled(panels.len() * video.width, video.height, self.background);
         for (k, (label, panel)) in panels.iter().enumerate() {
             overlay::paste(&mut out, panel, k * video.width, 0);

@@ -33,8 +33,10 @@ pub fn refine(job: &Job, model: Model, takes: &mut [Take], progress: &mut Progre
         })
         .collect();
     let outcome = soften(model.asset, model.solved, &filmed, &ask, progress)?;
-    for ((take, trajectory), report) in takes.iter_mut().zip(outcome.trajectories).zip(outcome.reports) {
+    let made = outcome.trajectories.into_iter().zip(outcome.shown).zip(outcome.reports);
+    for (take, ((trajectory, shown), report)) in takes.iter_mut().zip(made) {
         take.trajectory = trajectory;
+        take.shown = shown;
         take.softness = report;
     }
     Ok(outcome.material)

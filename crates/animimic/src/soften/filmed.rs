@@ -15,6 +15,7 @@ use animimic_fit::stage1::subject::Subject;
 use animimic_fit::stage1::{self, Input};
 use animimic_render::Light;
 use animimic_scene::{Asset, Image, Motion, Trajectory};
+use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
@@ -35,8 +36,10 @@ pub(crate) struct Ask {
 
 /// What was made of the clips.
 pub(crate) struct Outcome {
-    /// Each clip with its soft surface.
+    /// Each clip with its surface: where the frames do not speak for the soft one, the skinned one.
     pub clips: Vec<Softened>,
+    /// Each clip's soft surface \[frame\]\[vertex\], also where it is not kept: to be looked at.
+    pub shown: Vec<Vec<Vec<DVec3>>>,
     /// Where the frames speak for the soft surface: its trajectory.
     pub trajectories: Vec<Option<Trajectory>>,
     /// What each clip's frames said.
@@ -76,6 +79,7 @@ pub(crate) fn refine(
     let dense = if std::ptr::eq(asset, solved) { None } else { Some(Tissue::new(asset, &learnt.settings)?) };
     let mut out = Outcome {
         clips: Vec::new(),
+        shown: Vec::new(),
         trajectories: Vec::new(),
         reports: Vec::new(),
         material: material(solved, &learnt),
@@ -84,6 +88,7 @@ pub(crate) fn refine(
         let one = clip(&tissue, dense.as_ref(), &learnt, watched, &filmed[out.clips.len()].motion.name)?;
         out.trajectories.push(one.kept.then(|| one.softened.refined().trajectory).flatten());
         out.reports.push(one.report);
+        out.shown.push(one.shown);
         out.clips.push(one.softened);
     }
     Ok(out)
@@ -98,6 +103,7 @@ fn backgrounds(filmed: &Filmed) -> Vec<Image> {
 /// One clip, its surface and whether it stays.
 struct Clip {
     softened: Softened,
+    shown: Vec<Vec<DVec3>>,
     kept: bool,
     report: Value,
 }
@@ -113,6 +119,7 @@ fn clip(
     let simulate = |tissue: &Tissue| body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), &motion);
     let mut softened = simulate(tissue)?;
     let verdict = judge(tissue.asset, &learnt.groups, watched.stage, &softened.skinned, &softened.soft);
+    let mut shown = softened.soft.clone();
     let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| soft <= skinned).collect();
     softened.blend(&shares(tissue.asset, learnt, &soft));
     softened.uncross(tissue);
@@ -120,15 +127,18 @@ fn clip(
     let kept = soft.contains(&true) && last <= verdict.energies[0];
     if let Some(dense) = dense {
         softened = simulate(dense)?;
+        shown.clone_from(&softened.soft);
         softened.blend(&shares(dense.asset, learnt, &soft));
         softened.uncross(dense);
     }
     let mut report = softened.to_json(dense.unwrap_or(tissue).asset.mesh.diagonal());
-    if !kept {
+    if kept {
+        shown.clone_from(&softened.soft);
+    } else {
         softened.soft.clone_from(&softened.skinned);
     }
     words(&mut report, tissue.asset, learnt, &verdict, &soft, (last, kept));
-    Ok(Clip { softened, kept, report })
+    Ok(Clip { softened, shown, kept, report })
 }
 
 /// What the frames said, beside what the simulation did.

@@ -8,7 +8,7 @@ pub(crate) mod filmed;
 pub mod softness;
 pub mod yielding;
 
-pub use softness::{PRESETS, Softness};
+pub use softness::{PRESETS, Softness, young};
 
 use crate::animate::motion::Scene;
 use crate::animate::{Clock, Job, Model, PROXY_TRIANGLES, footage};
@@ -142,8 +142,8 @@ fn learnt(
         cues: &footage.found.cues,
         background: &footage.found.background,
     };
-    let young = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
-    let ask = filmed::Ask { settings: settings(job, asset)?, young };
+    let stiffness = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
+    let ask = filmed::Ask { settings: settings(job, asset)?, young: stiffness };
     let filmed = [filmed::Filmed { scene, motion: &motion }];
     let mut outcome = filmed::refine(asset, model.solved, &filmed, &ask, progress)?;
     let softened = outcome.clips.pop().expect("one clip went in");

@@ -127,7 +127,7 @@ pub(super) fn at_vertex(mesh: &TetMesh, joint: usize, v: u32) -> Option<Hold> {
     Some(Hold { joint: joint as u32, tet: tet as u32, barycentric, point: mesh.positions[v as usize] })
 }
 
-/// Vertices at the roots of loose flesh: those that belong to loose joints by a share from [`SEAM`] to [`OWN`]. They follow the skin,
+/// Vertices at the roots of loose flesh: those that belong to loose joints by some share, but less than half. They follow the skin,
 /// so that what the first loose joint does where it meets the body carries over into what hangs on it.
 pub fn seams(choice: &Choice, driver: &[u32]) -> Vec<u32> {
     let share = |v: usize| -> f64 {
