@@ -91,6 +91,9 @@ fn words(report: &Report) -> String {
             }
         }
         text += "\n";
+        if let Some(verdict) = clip.softness["verdict"].as_str() {
+            text += &format!("  {verdict}\n");
+        }
         clip.uncertain.iter().for_each(|doubt| text += &format!("  uncertain: {doubt}\n"));
     }
     text

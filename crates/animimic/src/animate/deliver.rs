@@ -37,8 +37,8 @@ impl Names {
     }
 }
 
-/// Writes `animated.glb`, then for each take `views.mp4`, `residuals.mp4`, `contact_sheet.png` and `camera.json`, then both reports; returns
-/// their paths.
+/// Writes `animated.glb` and, where asked for, `soft.glb`, then for each take `views.mp4`, `residuals.mp4`, `contact_sheet.png` and
+/// `camera.json`, then both reports; returns their paths.
 pub fn write(
     job: &Job,
     asset: &Asset,
@@ -50,7 +50,10 @@ pub fn write(
     let folder = &job.out;
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     tell(progress, Event::Stage { name: "writing" })?;
-    let mut files = glb(&folder.join("animated.glb"), job.physics, asset, takes, report, clock)?;
+    let mut files = glb(&folder.join("animated.glb"), job.physics, asset, &skinned(takes), report, clock)?;
+    if job.stage == super::Stage::Soft {
+        files.extend(glb(&folder.join("soft.glb"), job.physics, asset, &refined(takes), report, clock)?);
+    }
     let mut shown = Vec::new();
     for take in takes {
         let names = Names::new(folder, (takes.len() > 1).then_some(take.name.as_str()));
@@ -69,23 +72,31 @@ pub fn write(
     Ok(files)
 }
 
+/// The takes as the skeleton moves them.
+pub fn skinned(takes: &[Take]) -> Vec<Refined> {
+    takes.iter().map(|t| Refined { motion: t.motion.clone(), trajectory: None }).collect()
+}
+
+/// The takes with their soft surfaces.
+fn refined(takes: &[Take]) -> Vec<Refined> {
+    takes.iter().map(|t| Refined { motion: t.motion.clone(), trajectory: t.trajectory.clone() }).collect()
+}
+
 /// Writes the model with a clip per take, and what goes with it; what made it travels in the file, and what it lost in the report.
 /// Returns the paths of all files.
 pub fn glb(
     path: &Path,
     physics: Physics,
     asset: &Asset,
-    takes: &[Take],
+    clips: &[Refined],
     report: &mut Report,
     clock: &mut Clock,
 ) -> Result<Vec<PathBuf>, Error> {
     let delivered = clock.time("export", || {
-        let clip = |t: &Take| Refined { motion: t.motion.clone(), trajectory: t.trajectory.clone() };
-        let clips: Vec<Refined> = takes.iter().map(clip).collect();
         let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
         let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
         let options = ExportOptions { extras, ..Default::default() };
-        physics::deliver(physics, &Delivery { asset, clips: &clips, glb: path, options })
+        physics::deliver(physics, &Delivery { asset, clips, glb: path, options })
     })?;
     report.physics = delivered.to_json();
     Ok(delivered.files)

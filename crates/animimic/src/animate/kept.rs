@@ -12,7 +12,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use serde_json::{Value, json};
 
 /// What is seen in a video: its cues, and the camera that filmed it.
-pub(super) struct Seen {
+pub(crate) struct Seen {
     pub found: Found,
     pub camera: CameraFile,
 }

@@ -1,7 +1,7 @@
 //! The whole way: model and videos in; animated GLB, videos to look at and a report out.
 //!
-//! read → rig, if there is none → cues → camera → motion → export → pictures → metrics. Everything is computed before the
-//! first result is written, and every file appears whole or not at all; what each stage found is kept ([`crate::run`]).
+//! read → rig, if there is none → cues → camera → motion → soft tissue → export → pictures → metrics. Everything is computed before
+//! the first result is written, and every file appears whole or not at all; what each stage found is kept ([`crate::run`]).
 
 mod certainty;
 mod chart;
@@ -10,15 +10,16 @@ mod fit;
 mod html;
 mod kept;
 mod keys;
-mod motion;
+pub(crate) mod motion;
 mod options;
 mod report;
 mod residual;
 mod sheet;
+mod soft;
 
 pub use certainty::PartCertainty;
 pub use fit::fit;
-pub use options::Job;
+pub use options::{Flesh, Job, Stage};
 pub use report::{ClipReport, LossCurve, Report};
 
 pub(crate) use residual::heat_map;
@@ -48,6 +49,10 @@ pub(crate) struct Take {
     pub motion: Motion,
     /// Where the surface goes beyond the skin; `None` where it does not.
     pub trajectory: Option<Trajectory>,
+    /// The soft surface \[frame\]\[vertex\], also where it is not kept; empty where it was not asked for.
+    pub shown: Vec<Vec<glam::DVec3>>,
+    /// What the frames said of the soft surface; null where they were not asked.
+    pub softness: serde_json::Value,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
     pub certainty: Vec<Certainty>,
@@ -57,15 +62,22 @@ pub(crate) struct Take {
 
 /// The model, and what of it is drawn, solved and measured: itself, or a coarse stand-in for a dense mesh.
 #[derive(Clone, Copy)]
-struct Model<'a> {
-    asset: &'a Asset,
-    solved: &'a Asset,
+pub(crate) struct Model<'a> {
+    pub asset: &'a Asset,
+    pub solved: &'a Asset,
     /// The skeleton was made from the shape alone.
-    made_rig: bool,
+    pub made_rig: bool,
+}
+
+impl<'a> Model<'a> {
+    /// The model with its stand-in, if it has one.
+    pub fn new(asset: &'a Asset, stand_in: &'a Option<Asset>, made_rig: bool) -> Self {
+        Self { asset, solved: stand_in.as_ref().unwrap_or(asset), made_rig }
+    }
 }
 
 /// Triangles of the stand-in: at working size more of them are smaller than a pixel.
-const PROXY_TRIANGLES: usize = 20_000;
+pub(crate) const PROXY_TRIANGLES: usize = 20_000;
 
 /// Wall time of each stage, in order.
 #[derive(Default)]
@@ -135,8 +147,9 @@ fn finished(job: &Job, run: &Run, progress: &mut Progress) -> Result<Option<Repo
     }
     tell(progress, Event::Stage { name: "reading" })?;
     let mut asset = read_model(job)?;
+    let made_rig = makes_rig(job, &asset);
     rigging::choose(&mut asset, &job.model, &job.rig)?;
-    let model = keys::model(&asset);
+    let model = keys::model(&asset, made_rig);
     let mut motions = Vec::new();
     for (index, name) in job.clip_names().iter().enumerate() {
         motions.push(keys::motion(job, name, &keys::seen(job, index, &model, &read_video(job, index)?)?));
@@ -154,13 +167,13 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     tell(progress, Event::Stage { name: "reading" })?;
     let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
-    let made_rig = job.rig == rigging::RigChoice::Auto && !asset.rig.is_articulated();
+    let made_rig = makes_rig(job, &asset);
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
     let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
-    let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset), made_rig };
+    let model = Model::new(&asset, &stand_in, made_rig);
     // Hashed when the first video is read: bad inputs are refused before.
     let key = OnceCell::new();
     let names = job.clip_names();
@@ -170,14 +183,23 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
         takes.push(take);
         motions.push(key);
     }
+    let material = match job.stage {
+        Stage::Pose => serde_json::Value::Null,
+        Stage::Soft => clock.time("soft tissue", || soft::refine(job, model, &mut takes, progress))?,
+    };
     let mut clips = Vec::new();
     for take in &takes {
         tell(progress, Event::Stage { name: "measuring" })?;
         clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
-    let report = Report::new(job, &asset, rig, clips);
+    let report = Report { material, ..Report::new(job, &asset, rig, clips) };
     let key = keys::whole(job, &motions);
     Ok((Work { asset, takes, key }, report))
+}
+
+/// Whether the job is to make a skeleton for what was read.
+fn makes_rig(job: &Job, asset: &Asset) -> bool {
+    job.rig == rigging::RigChoice::Auto && !asset.rig.is_articulated()
 }
 
 fn read_model(job: &Job) -> Result<Asset, Error> {
@@ -241,12 +263,25 @@ fn take(
         camera,
         motion: solved.motion,
         trajectory: None,
+        shown: Vec::new(),
+        softness: serde_json::Value::Null,
         losses: solved.losses,
         uncertain: solved.uncertain,
         certainty: solved.certainty,
         memory_bytes,
     };
     Ok((take, key))
+}
+
+/// A video, its cues and its camera, for others than a job of its own.
+pub(crate) fn footage(job: &Job, model: Model, name: &str, progress: &mut Progress) -> Result<(Video, Seen), Error> {
+    tell(progress, Event::Stage { name: "reading" })?;
+    let video = read_video(job, 0)?;
+    for warning in &video.warnings {
+        tell(progress, Event::Warning(format!("{name}: {warning}")))?;
+    }
+    let seen = see(job, model, 0, &video, &mut Clock::default(), progress)?;
+    Ok((video, seen))
 }
 
 /// Finds the cues in a video and its camera.

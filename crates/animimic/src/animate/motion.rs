@@ -41,6 +41,23 @@ pub struct Scene<'a> {
     pub background: &'a Background,
 }
 
+impl<'a> Scene<'a> {
+    /// What stage 1 looks at, over the backgrounds \[frame\].
+    pub fn input(&self, backgrounds: &'a [Image]) -> Input<'a> {
+        Input {
+            asset: self.asset,
+            camera: self.camera,
+            frames: &self.video.frames,
+            masks: &self.cues.masks,
+            backgrounds,
+            flow: &dense_flow,
+            tracks: Some(&self.cues.tracks).filter(|t| !t.query_frame.is_empty()),
+            depth: &self.cues.depth,
+            depth_kind: self.cues.depth_kind,
+        }
+    }
+}
+
 /// Frames that look this unlike the video (mean colour difference over the object, with a penalty where only one of both
 /// shows it) are reported.
 const UNLIKE: f64 = 0.08;
@@ -56,18 +73,7 @@ pub fn find(
     let frames = &scene.video.frames;
     let backgrounds: Vec<Image> =
         (0..frames.len()).into_par_iter().map(|t| background_picture(scene.background, &frames[t], t)).collect();
-    let given = Some(&scene.cues.tracks).filter(|t| !t.query_frame.is_empty());
-    let input = Input {
-        asset: scene.asset,
-        camera: scene.camera,
-        frames,
-        masks: &scene.cues.masks,
-        backgrounds: &backgrounds,
-        flow: &dense_flow,
-        tracks: given,
-        depth: &scene.cues.depth,
-        depth_kind: scene.cues.depth_kind,
-    };
+    let input = scene.input(&backgrounds);
     match preset {
         Preset::Default => {
             let settings = if scene.made_rig { Settings::default().for_made_rig() } else { Settings::default() };
@@ -75,7 +81,7 @@ pub fn find(
         }
         Preset::Reference => {
             let tracks = own_tracks(scene);
-            by_reference(&Input { tracks: given.or(Some(&tracks)), ..input }, scene.video.fps, name, progress)
+            by_reference(&Input { tracks: input.tracks.or(Some(&tracks)), ..input }, scene.video.fps, name, progress)
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What a run says about itself: `report.json`.
 
-use super::{Job, PartCertainty, Take, certainty};
+use super::{Job, PartCertainty, Stage, Take, certainty};
 use crate::{Evaluation, Physics};
 use animimic_scene::{Asset, Mask, Skeleton};
 use serde::{Deserialize, Serialize};
@@ -21,6 +21,8 @@ pub struct Report {
     pub size: Value,
     /// One entry per video.
     pub clips: Vec<ClipReport>,
+    /// What was learnt of the flesh, by group of joints; null where soft tissue was not asked for.
+    pub material: Value,
     /// How motion beyond the skeleton was delivered, and what that lost.
     pub physics: Value,
     /// What the readers had to mend or ignore.
@@ -48,8 +50,10 @@ pub struct ClipReport {
     pub cues: Value,
     /// Loss over iterations, by stage of the solver.
     pub losses: Vec<LossCurve>,
-    /// Numbers of the metrics.
+    /// Numbers of the metrics, of the skinned clip.
     pub metrics: Value,
+    /// What became of the soft tissue, and why; null where it was not asked for.
+    pub softness: Value,
     /// What the video left open, one sentence each.
     pub uncertain: Vec<String>,
     /// How well each part that moves surface is known; empty where that was not estimated.
@@ -83,6 +87,12 @@ impl Report {
             "preset": job.preset.name(),
             "frames": job.frames.as_ref().map(|f| [f.start, f.end]),
         });
+        options["stage"] = job.stage.name().into();
+        if job.stage == Stage::Soft {
+            let f = &job.flesh;
+            options["flesh"] =
+                serde_json::json!({"tets": f.tets, "size_m": f.size_m, "young": f.young, "loose": f.loose});
+        }
         if job.physics != Physics::default() {
             options["physics"] = job.physics.name().into();
         }
@@ -99,6 +109,7 @@ impl Report {
             rig,
             size,
             clips,
+            material: Value::Null,
             physics: Value::Null,
             warnings: asset.warnings.clone(),
             timings: Value::Null,
@@ -123,6 +134,7 @@ impl ClipReport {
             cues: cue_statistics(take),
             losses: take.losses.clone(),
             metrics: evaluation.to_json(),
+            softness: take.softness.clone(),
             uncertain,
             certainty,
         }

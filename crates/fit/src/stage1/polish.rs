@@ -5,6 +5,7 @@
 //! Hessian, which knows how stiff each joint is. Only descent is accepted.
 
 use super::correspond::Frame;
+use super::sight::Sight;
 use super::solve::{Stage, Strength};
 use crate::combined::Combined;
 use crate::quasi_newton::{Descent, minimise};
@@ -94,7 +95,11 @@ impl Stage<'_> {
 
     /// The light with the exposure of a frame.
     fn exposed(&self, pose: &FramePose, t: usize) -> Light {
-        let sight = self.draw(pose, t);
+        self.exposed_to(&self.draw(pose, t), t)
+    }
+
+    /// The same with the model drawn before.
+    pub(crate) fn exposed_to(&self, sight: &Sight, t: usize) -> Light {
         let rgb: Vec<[f32; 3]> = sight.image.rgb.iter().map(|c| c.map(|v| f32::from(v) / 255.0)).collect();
         let (image, mask) = (self.frames[t].image, self.frames[t].mask);
         let gain = solve_exposure(&rgb, &sight.raster, image, Some(mask)).unwrap_or([1.0; 3]);
@@ -108,7 +113,7 @@ const MAX_GAIN: f64 = 1.25;
 const BAND_PX: f64 = 4.0;
 
 /// A frame with its mask as a rendering in the right place would have it: the observed contour lies `bias_px` outside.
-fn observed<'a>(frame: &Frame<'a>, bias_px: f64) -> Observed<'a> {
+pub(crate) fn observed<'a>(frame: &Frame<'a>, bias_px: f64) -> Observed<'a> {
     let mut mask = Mask {
         width: frame.mask.width,
         height: frame.mask.height,

@@ -46,13 +46,17 @@ impl Stage<'_> {
 
     /// Draws a pose and finds its correspondences in a frame.
     pub fn correspond(&self, pose: &FramePose, frame: usize, reach_px: f64) -> Correspondences {
-        let sight = self.draw(pose, frame);
+        self.correspond_to(&self.draw(pose, frame), frame, reach_px)
+    }
+
+    /// Finds the correspondences of a drawing in a frame.
+    pub fn correspond_to(&self, sight: &Sight, frame: usize, reach_px: f64) -> Correspondences {
         let mut found = Correspondences::default();
-        if !self.given.add_tracks(frame, &mut found) {
-            by_flow(self.subject, &sight, &self.frames[frame], self.flow, &mut found);
+        if !self.given.add_tracks(self.subject, frame, &mut found) {
+            by_flow(self.subject, sight, &self.frames[frame], self.flow, &mut found);
         }
         self.given.add_depth(self.studio.camera, frame, &mut found);
-        by_contour(self.subject, &sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
+        by_contour(self.subject, sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
         found
     }
 
