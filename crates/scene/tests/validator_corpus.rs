@@ -165,7 +165,7 @@ fn the_validators_own_files_are_judged_as_the_validator_judges_them_or_the_reaso
             }
             Err(_) if !errors.is_empty() => agreed[1] += 1,
             Ok(_) if errors.is_empty() => agreed[0] += 1,
-            Ok(_) if errors.iter().all(|e| known(&e)) => lenient += 1,
+            Ok(_) if errors.iter().all(known) => lenient += 1,
             Ok(_) => unexplained.push(format!("{name} is read in spite of {errors:?}")),
             Err(_) if STRICT.iter().any(|(n, _)| *n == name) => {}
             Err(e) => unexplained.push(format!("{name} is sound, but {e}")),

@@ -170,10 +170,8 @@ mod tests {
         assert_eq!(read(vec![1, 2, 2], Values::F32(vec![0.0, 1.0, 0.5, 0.2])), [[0, 255, 128, 51]]);
         assert_eq!(read(vec![1, 2, 2], Values::U8(vec![0, 255, 255, 0])), on);
         assert_eq!(read(vec![1, 1, 2, 2], Values::U8(vec![0, 1, 1, 0])), on);
-        assert_eq!(
-            read(vec![1, 2, 2, 2], Values::Bool([false, true, false, false, false, false, true, false].into())),
-            on
-        );
+        let two = Values::Bool(vec![false, true, false, false, false, false, true, false]);
+        assert_eq!(read(vec![2, 2, 1, 2], two), [[0, 255], [255, 0]]);
     }
 
     #[test]
