@@ -45,6 +45,8 @@ pub struct Job {
     pub repair: bool,
     /// Seed of everything random.
     pub seed: u64,
+    /// Whether what an earlier run kept in `out` is taken where it fits.
+    pub resume: bool,
 }
 
 /// How far `animate` goes.
@@ -129,7 +131,25 @@ impl Job {
             physics: Physics::default(),
             repair: false,
             seed: 0,
+            resume: false,
         }
+    }
+
+    /// All options in words, but for where files lie and whether the run is resumed.
+    pub(super) fn words(&self) -> String {
+        let name = |p: &PathBuf| p.file_name().map(PathBuf::from).unwrap_or_default();
+        let names = |paths: &[PathBuf]| paths.iter().map(name).collect();
+        let plain = Self {
+            model: name(&self.model),
+            videos: names(&self.videos),
+            masks: names(&self.masks),
+            tracks: names(&self.tracks),
+            depth: names(&self.depth),
+            out: PathBuf::new(),
+            resume: false,
+            ..self.clone()
+        };
+        format!("{plain:?}")
     }
 
     /// Refuses what cannot make sense before any file is read.

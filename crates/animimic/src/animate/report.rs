@@ -3,11 +3,11 @@
 use super::{Job, PartCertainty, Take, certainty};
 use crate::{Evaluation, Physics};
 use animimic_scene::{Asset, Mask, Skeleton};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// Everything that a run found, fit for machines.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Report {
     /// Program and version.
     pub program: String,
@@ -32,7 +32,7 @@ pub struct Report {
 }
 
 /// One clip.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClipReport {
     /// Clip name in the GLB.
     pub name: String,
@@ -44,6 +44,8 @@ pub struct ClipReport {
     pub size_px: [usize; 2],
     /// Size of the video in its file [px].
     pub native_size_px: [usize; 2],
+    /// Peak memory that finding the motion was estimated to take [MiB].
+    pub memory_estimate_mib: u64,
     /// Statistics of the cues.
     pub cues: Value,
     /// Loss over iterations, by stage of the solver.
@@ -59,7 +61,7 @@ pub struct ClipReport {
 }
 
 /// The loss during one stage of the solver.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LossCurve {
     /// Stage.
     pub stage: String,
@@ -122,6 +124,7 @@ impl ClipReport {
             fps: take.motion.fps,
             size_px: [frame.width, frame.height],
             native_size_px: [take.video.native_size.0, take.video.native_size.1],
+            memory_estimate_mib: take.memory_bytes >> 20,
             cues: cue_statistics(take),
             losses: take.losses.clone(),
             metrics: evaluation.to_json(),

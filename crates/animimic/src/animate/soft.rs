@@ -24,6 +24,7 @@ pub fn refine(job: &Job, model: Model, takes: &mut [Take], progress: &mut Progre
         .map(|take| Filmed {
             scene: Scene {
                 asset: model.solved,
+                made_rig: model.made_rig,
                 camera: &take.camera.main,
                 video: &take.video,
                 cues: &take.cues,

@@ -3,7 +3,8 @@
 use super::Soften;
 use super::body::Softened;
 use crate::Error;
-use crate::event::{Event, Progress, tell};
+use crate::event::Progress;
+use crate::film::film;
 use crate::physics::{Delivery, deliver};
 use crate::pictures::Studio;
 use animimic_render::overlay;
@@ -73,19 +74,7 @@ fn views(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progre
         }
         out
     };
-    let path = job.out.join("views.mp4");
-    let mut stop = Ok(());
-    let mut drawn = (0..frames).map_while(|t| {
-        stop = tell(progress, Event::Step { done: t as f64 / frames as f64, loss: None });
-        stop.is_ok().then(|| draw(t))
-    });
-    let written = animimic_video::write_mp4(&path, &mut drawn, softened.motion.fps);
-    if stop.is_err() {
-        // It may not have been written at all.
-        let _ = std::fs::remove_file(&path);
-    }
-    stop?;
-    Ok(written?)
+    film(&job.out.join("views.mp4"), (frames, softened.motion.fps), (0.0, 1.0), draw, progress)
 }
 
 /// A square view that sees the whole clip.

@@ -11,7 +11,7 @@ pub mod yielding;
 pub use softness::{PRESETS, Softness, young};
 
 use crate::animate::motion::Scene;
-use crate::animate::{Clock, Job, Model, PROXY_TRIANGLES, footage};
+use crate::animate::{Job, Model, PROXY_TRIANGLES, footage};
 use crate::camera::CameraChoice;
 use crate::event::{Event, Progress, tell};
 use crate::{Error, Physics};
@@ -121,11 +121,11 @@ fn learnt(
     progress: &mut Progress,
 ) -> Result<(Softened, Value), Error> {
     let stand_in = animimic_rig::proxy(asset, PROXY_TRIANGLES);
-    let model = Model::new(asset, &stand_in);
+    let model = Model::new(asset, &stand_in, false);
     let filming = Job { camera: job.camera.clone(), ..Job::new(&job.model, vec![video.to_owned()], &job.out) };
-    let mut footage = footage(&filming, model, 0, &clip.name, &mut Clock::default(), progress)?;
-    let mut motion = clip.motion(&asset.rig.skeleton, footage.video.fps)?;
-    let frames = motion.poses.len().min(footage.video.frames.len());
+    let (mut film, mut seen) = footage(&filming, model, &clip.name, progress)?;
+    let mut motion = clip.motion(&asset.rig.skeleton, film.fps)?;
+    let frames = motion.poses.len().min(film.frames.len());
     if frames < 2 {
         return Err(Error::Input(format!(
             "{}: the clip and the video have {frames} frames in common",
@@ -133,19 +133,20 @@ fn learnt(
         )));
     }
     motion.poses.truncate(frames);
-    footage.video.frames.truncate(frames);
-    footage.found.cues.masks.truncate(frames);
+    film.frames.truncate(frames);
+    seen.found.cues.masks.truncate(frames);
     let scene = Scene {
         asset: model.solved,
-        camera: &footage.camera.main,
-        video: &footage.video,
-        cues: &footage.found.cues,
-        background: &footage.found.background,
+        made_rig: false,
+        camera: &seen.camera.main,
+        video: &film,
+        cues: &seen.found.cues,
+        background: &seen.found.background,
     };
     let stiffness = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
     let ask = filmed::Ask { settings: settings(job, asset)?, young: stiffness };
-    let filmed = [filmed::Filmed { scene, motion: &motion }];
-    let mut outcome = filmed::refine(asset, model.solved, &filmed, &ask, progress)?;
+    let takes = [filmed::Filmed { scene, motion: &motion }];
+    let mut outcome = filmed::refine(asset, model.solved, &takes, &ask, progress)?;
     let softened = outcome.clips.pop().expect("one clip went in");
     let mut report = outcome.reports.pop().expect("one clip went in");
     report["material"] = outcome.material;

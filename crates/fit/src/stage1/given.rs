@@ -158,7 +158,7 @@ fn sample(map: &DepthMap, at: DVec2, step: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Input, Settings, fit};
+    use super::super::{Forgetful, Input, Settings, fit};
     use super::*;
     use crate::fixtures::{asset, camera, truth};
     use animimic_render::Light;
@@ -230,7 +230,8 @@ mod tests {
             depth_kind: kind.unwrap_or_default(),
         };
         let found =
-            fit(&input, Settings::default(), "clip", 24.0, &mut |_, _| ControlFlow::Continue(())).expect("fits");
+            fit(&input, Settings::default(), "clip", 24.0, &mut Forgetful, &mut |_, _| ControlFlow::Continue(()))
+                .expect("fits");
         let last = subject.posed(&found.frames[FRAMES - 1]);
         let error: f64 =
             points.iter().map(|a| a.position(&last).distance(a.position(&sights[FRAMES - 1].posed))).sum::<f64>();

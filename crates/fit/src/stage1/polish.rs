@@ -8,7 +8,7 @@ use super::correspond::Frame;
 use super::sight::Sight;
 use super::solve::{Stage, Strength};
 use crate::combined::Combined;
-use crate::quasi_newton::minimise;
+use crate::quasi_newton::{Descent, minimise};
 use crate::rendered::{MaskLoss, Model, Observed, RgbLoss, Weighted};
 use crate::solver::{linearize, pose_all};
 use animimic_math::block_tridiagonal::Factor;
@@ -17,6 +17,7 @@ use animimic_rig::FramePose;
 use animimic_scene::Mask;
 use glam::DVec2;
 use rayon::prelude::*;
+use std::sync::atomic::Ordering;
 
 /// Damping of the metric.
 const DAMPING: f64 = 1e-2;
@@ -60,8 +61,10 @@ impl Stage<'_> {
                 lights: &lights,
                 metric,
             };
-            let history;
-            (*poses, history) = minimise(&combined, std::mem::take(poses), s.polish_steps, TOLERANCE);
+            let Descent { end, history, not_finite } =
+                minimise(&combined, std::mem::take(poses), s.polish_steps, TOLERANCE);
+            *poses = end;
+            self.not_finite.fetch_add(not_finite, Ordering::Relaxed);
             let names = ["flow", "contour", "tracks", "depth", "priors", "penetration", "smoothness", "rgb", "mask"];
             let curve =
                 |(k, name): (usize, &str)| Curve { name: name.into(), values: history.iter().map(|h| h[k]).collect() };
