@@ -29,7 +29,7 @@ pub fn write(
     }
     tell(progress, Event::Stage { name: "masks" })?;
     let mut found = Found::default();
-    let sources = Sources { video: &video, silhouette: None, file: None };
+    let sources = Sources::new(&video);
     PlainMasks.provide(&sources, &mut found)?;
     tell(progress, Event::Stage { name: "tracks" })?;
     FlowTracks.provide(&sources, &mut found)?;
@@ -53,7 +53,7 @@ pub fn write(
 }
 
 /// The dense flow that cameras and motions are found with: displacements [px] from one picture to another.
-pub(crate) fn dense_flow(from: &Image, to: &Image) -> Vec<[f32; 2]> {
+pub fn dense_flow(from: &Image, to: &Image) -> Vec<[f32; 2]> {
     dis(&Gray::from_image(from), &Gray::from_image(to), &FlowOptions::default()).vectors
 }
 
@@ -74,7 +74,7 @@ pub struct Given<'a> {
 /// Unreadable files, or files for another number of frames than the video has.
 pub fn find(video: &Video, given: &Given) -> Result<Found, Error> {
     let mut found = Found::default();
-    let sources = |file| Sources { video, silhouette: None, file };
+    let sources = |file| Sources { file, ..Sources::new(video) };
     PlainMasks.provide(&sources(None), &mut found)?;
     if given.masks.is_some() {
         MaskFiles.provide(&sources(given.masks), &mut found)?;
@@ -102,7 +102,7 @@ pub fn refine_masks(video: &Video, silhouette: &Mask, found: &mut Found) -> Resu
     if silhouette.area() == 0 || misplaced || video.alpha.len() == video.frames.len() {
         return Ok(());
     }
-    SilhouetteMasks.provide(&Sources { video, silhouette: Some(silhouette), file: None }, found)?;
+    SilhouetteMasks.provide(&Sources { silhouette: Some(silhouette), ..Sources::new(video) }, found)?;
     Ok(())
 }
 

@@ -170,6 +170,17 @@ impl<'a> Document<'a> {
         Ok(Numbers { width, values })
     }
 
+    /// Reads accessor `from` as vertex indices.
+    pub fn indices(&self, from: &Place) -> Result<Vec<u32>, SceneError> {
+        let accessor = self.root.element("accessors", from.usize()?, from)?;
+        let component = Component::from_code(&accessor.need("componentType")?)?;
+        let whole = matches!(component, Component::U8 | Component::U16 | Component::U32);
+        if !whole || width_of(&accessor.need("type")?)? != 1 {
+            return Err(accessor.invalid("indices must be single unsigned integers"));
+        }
+        Ok(self.numbers(from)?.values.iter().map(|&x| x as u32).collect())
+    }
+
     fn packed(
         &self,
         accessor: &Place,

@@ -25,7 +25,7 @@ pub(crate) fn recognises(bytes: &[u8]) -> bool {
 
 /// Splits a GLB or parses a .gltf, and loads everything it refers to.
 pub(crate) fn open(bytes: Vec<u8>, path: &Path) -> Result<Loaded, SceneError> {
-    let (json, bin) = if bytes.starts_with(GLB_MAGIC) { split_glb(&bytes)? } else { (parse(&bytes, 0)?, None) };
+    let (mut json, bin) = if bytes.starts_with(GLB_MAGIC) { split_glb(&bytes)? } else { (parse(&bytes, 0)?, None) };
     if !json.is_object() {
         return Err(SceneError::invalid("", "the JSON is not an object"));
     }
@@ -38,6 +38,7 @@ pub(crate) fn open(bytes: Vec<u8>, path: &Path) -> Result<Loaded, SceneError> {
         };
         return Err(SceneError::invalid("", what));
     }
+    super::shape::settle(&mut json)?;
     let mut loaded = Loaded { json, buffers: Vec::new(), warnings: Vec::new() };
     load_buffers(&mut loaded, bin, path)?;
     load_images(&mut loaded, path)?;
@@ -95,22 +96,22 @@ fn load_buffers(loaded: &mut Loaded, mut bin: Option<Vec<u8>>, path: &Path) -> R
     for (i, buffer) in root.list("buffers")?.iter().enumerate() {
         let length = buffer.need("byteLength")?.usize()?;
         let uri = buffer.text("uri");
-        let mut data = if !uri.is_empty() {
-            fetch(uri, path).map_err(|what| buffer.invalid(what))?
-        } else if is_fallback(buffer) {
-            Vec::new()
-        } else if let Some(data) = (i == 0).then(|| bin.take()).flatten() {
-            data
+        let data = if !uri.is_empty() {
+            Some(fetch(uri, path).map_err(|what| buffer.invalid(what))?)
+        } else if i == 0 && !is_fallback(buffer) {
+            bin.take()
         } else {
-            return Err(buffer.invalid("has neither a uri nor a binary chunk"));
+            None
         };
-        if !is_fallback(buffer) {
-            if data.len() < length {
-                let what = format!("should hold {length} bytes, but only {} are there", data.len());
-                return Err(buffer.invalid(what));
-            }
-            data.truncate(length);
+        // A buffer of nothing is allowed; whoever refers into it is told that it is empty.
+        let Some(mut data) = data else {
+            loaded.buffers.push(Vec::new());
+            continue;
+        };
+        if data.len() < length {
+            return Err(buffer.invalid(format!("should hold {length} bytes, but only {} are there", data.len())));
         }
+        data.truncate(length);
         loaded.buffers.push(data);
     }
     Ok(())
@@ -187,7 +188,7 @@ pub(crate) fn fetch(uri: &str, document: &Path) -> Result<Vec<u8>, String> {
     if let Some(rest) = uri.strip_prefix("data:") {
         let (header, payload) = rest.split_once(',').ok_or("its data URI has no comma")?;
         if !header.ends_with(";base64") {
-            return Err("its data URI is not base64".into());
+            return Ok(percent_decoded(payload));
         }
         let engine = base64::engine::general_purpose::STANDARD;
         return engine.decode(payload.trim()).map_err(|e| format!("its data URI is not base64: {e}"));
@@ -195,7 +196,7 @@ pub(crate) fn fetch(uri: &str, document: &Path) -> Result<Vec<u8>, String> {
     if uri.contains("://") {
         return Err(format!("{uri:?} is a network address; download it first"));
     }
-    let relative = percent_decoded(uri);
+    let relative = String::from_utf8_lossy(&percent_decoded(uri)).into_owned();
     let relative = Path::new(&relative);
     let inside =
         relative.components().all(|c| matches!(c, std::path::Component::Normal(_) | std::path::Component::CurDir));
@@ -206,7 +207,7 @@ pub(crate) fn fetch(uri: &str, document: &Path) -> Result<Vec<u8>, String> {
     load(&file).map_err(|e| e.to_string())
 }
 
-fn percent_decoded(uri: &str) -> String {
+fn percent_decoded(uri: &str) -> Vec<u8> {
     let bytes = uri.as_bytes();
     let (mut out, mut i) = (Vec::with_capacity(bytes.len()), 0);
     while i < bytes.len() {
@@ -215,5 +216,5 @@ fn percent_decoded(uri: &str) -> String {
         out.push(hex.unwrap_or(bytes[i]));
         i += if hex.is_some() { 3 } else { 1 };
     }
-    String::from_utf8_lossy(&out).into_owned()
+    out
 }

@@ -127,8 +127,9 @@ impl Geometry<'_> {
         binding: Option<&Binding>,
     ) -> Result<(), SceneError> {
         let mode = primitive.usize_or("mode", 4)?;
-        if !(4..=6).contains(&mode) {
-            self.warnings.push(format!("{} is made of points or lines; it is left out", primitive.pointer));
+        if !is_drawn(primitive)? {
+            let what = "has no positions or is made of points or lines; it is left out";
+            self.warnings.push(format!("{} {what}", primitive.pointer));
             return Ok(());
         }
         if let Some(draco) = primitive.path(&["extensions", "KHR_draco_mesh_compression"]) {
@@ -342,7 +343,7 @@ fn triangles(document: &Document, primitive: &Place, mode: usize, count: usize) 
         let all: Vec<u32> = (0..count as u32).collect();
         return Ok(expand(mode, &all));
     };
-    let indices: Vec<u32> = document.numbers(&accessor)?.values.iter().map(|&x| x as u32).collect();
+    let indices = document.indices(&accessor)?;
     let bad = indices.iter().filter(|&&i| i as usize >= count).count();
     if let Some(at) = indices.iter().position(|&i| i as usize >= count) {
         return Err(accessor.invalid(format!(
@@ -351,6 +352,11 @@ fn triangles(document: &Document, primitive: &Place, mode: usize, count: usize) 
         )));
     }
     Ok(expand(mode, &indices))
+}
+
+/// Whether a primitive becomes a part of the mesh: glTF allows those without positions, and points and lines enclose nothing.
+pub(super) fn is_drawn(primitive: &Place) -> Result<bool, SceneError> {
+    Ok((4..=6).contains(&primitive.usize_or("mode", 4)?) && primitive.need("attributes")?.get("POSITION").is_some())
 }
 
 /// Triangle lists (4), strips (5, every other one turned) and fans (6) as lists.

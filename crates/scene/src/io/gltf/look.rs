@@ -92,6 +92,16 @@ fn texture(
 ) -> Result<Option<Texture>, SceneError> {
     let index = info.need("index")?;
     let texture = document.root.element("textures", index.usize()?, &index)?;
+    let sampler = match texture.get("sampler") {
+        Some(s) => Some(document.root.element("samplers", s.usize()?, &s)?),
+        None => None,
+    };
+    let setting = |key: &str| sampler.as_ref().map_or(Ok(0), |s| s.usize_or(key, 0));
+    let wrap = [setting("wrapS")?, setting("wrapT")?].map(|w| if w == 0 { WRAP_REPEAT } else { w });
+    if wrap.iter().any(|&w| w != WRAP_REPEAT && w != WRAP_CLAMP) {
+        warnings.push(format!("{} asks for mirrored wrapping; it is repeated plainly", texture.pointer));
+    }
+    let nearest = setting("magFilter")? == FILTER_NEAREST;
     // EXT_texture_webp is preferred where given: its presence says that WebP is the better copy.
     let source = texture.path(&["extensions", "EXT_texture_webp", "source"]).or_else(|| texture.get("source"));
     let Some(source) = source else {
@@ -110,16 +120,6 @@ fn texture(
         });
     }
     let Some(Some((image, alpha))) = images[i].clone() else { return Ok(None) };
-    let sampler = match texture.get("sampler") {
-        Some(s) => Some(document.root.element("samplers", s.usize()?, &s)?),
-        None => None,
-    };
-    let setting = |key: &str| sampler.as_ref().map_or(Ok(0), |s| s.usize_or(key, 0));
-    let wrap = [setting("wrapS")?, setting("wrapT")?].map(|w| if w == 0 { WRAP_REPEAT } else { w });
-    if wrap.iter().any(|&w| w != WRAP_REPEAT && w != WRAP_CLAMP) {
-        warnings.push(format!("{} asks for mirrored wrapping; it is repeated plainly", texture.pointer));
-    }
-    let nearest = setting("magFilter")? == FILTER_NEAREST;
     Ok(Some(Texture { image, alpha, repeat: wrap.map(|w| w != WRAP_CLAMP), nearest }))
 }
 

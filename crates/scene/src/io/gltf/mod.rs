@@ -11,6 +11,7 @@ mod look;
 mod meshopt;
 mod nodes;
 mod repair;
+mod shape;
 mod write;
 
 pub use clips::{Clip, clips};

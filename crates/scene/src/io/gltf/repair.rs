@@ -5,7 +5,7 @@
 
 use super::accessor::Document;
 use super::container::Loaded;
-use super::geometry::expand;
+use super::geometry::{expand, is_drawn};
 use super::json::Place;
 use super::write::{Output, Use};
 use crate::io::SceneError;
@@ -70,7 +70,7 @@ fn find(document: &Document, warnings: &mut Vec<String>) -> Result<Vec<Mended>, 
         let joints = joint_count(document, m)?;
         for (p, primitive) in mesh.list("primitives")?.iter().enumerate() {
             let mode = primitive.usize_or("mode", 4)?;
-            if !(4..=6).contains(&mode) || primitive.path(&["extensions", "KHR_draco_mesh_compression"]).is_some() {
+            if !is_drawn(primitive)? || primitive.path(&["extensions", "KHR_draco_mesh_compression"]).is_some() {
                 continue;
             }
             let (positions, broken) = positions(document, primitive, warnings)?;
@@ -126,7 +126,7 @@ fn indices(
     warnings: &mut Vec<String>,
 ) -> Result<Option<Vec<u32>>, SceneError> {
     let stored: Vec<u32> = match primitive.get("indices") {
-        Some(accessor) => document.numbers(&accessor)?.values.iter().map(|&x| x as u32).collect(),
+        Some(accessor) => document.indices(&accessor)?,
         None => (0..broken.len() as u32).collect(),
     };
     let all = expand(mode, &stored);

@@ -41,7 +41,7 @@ mod tests {
         let video = Video { fps: 12.0, frames, source_frames: vec![0, 3], ..Video::default() };
         let provide = |video: &Video| {
             let mut found = Found::default();
-            MaskFiles.provide(&Sources { video, silhouette: None, file: Some(&path) }, &mut found)?;
+            MaskFiles.provide(&Sources { file: Some(&path), ..Sources::new(video) }, &mut found)?;
             Ok::<_, VideoError>(found.cues.masks)
         };
         let got = provide(&video).expect("provides");

@@ -2,7 +2,6 @@ use super::at_video::picked;
 use super::{Found, Provider, Sources};
 use crate::cues::read_depth;
 use crate::error::Result;
-use animimic_scene::DepthKind;
 
 /// Depth made elsewhere, of any size, picked by the source's frame numbers.
 pub struct DepthFiles;
@@ -18,7 +17,7 @@ impl Provider for DepthFiles {
 
     fn provide(&self, sources: &Sources, found: &mut Found) -> Result<()> {
         let path = sources.need_file(self)?;
-        let (maps, kind) = read_depth(path, DepthKind::default())?;
+        let (maps, kind) = read_depth(path, sources.depth_kind)?;
         let numbers = picked(sources.video, path, maps.len(), "depth maps")?;
         found.cues.depth = numbers.into_iter().map(|k| maps[k].clone()).collect();
         found.cues.depth_kind = kind;

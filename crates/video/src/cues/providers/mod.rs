@@ -20,7 +20,7 @@ pub use track_files::TrackFiles;
 
 use super::Background;
 use crate::error::{Result, VideoError};
-use animimic_scene::{Cues, Mask, Video};
+use animimic_scene::{Cues, DepthKind, Mask, Video};
 use std::path::Path;
 
 /// What providers may look at.
@@ -32,9 +32,16 @@ pub struct Sources<'a> {
     pub silhouette: Option<&'a Mask>,
     /// The file or folder that another program made.
     pub file: Option<&'a Path>,
+    /// What the depth in that file means, where the user says so.
+    pub depth_kind: Option<DepthKind>,
 }
 
 impl<'a> Sources<'a> {
+    /// A video alone.
+    pub fn new(video: &'a Video) -> Self {
+        Self { video, silhouette: None, file: None, depth_kind: None }
+    }
+
     fn need_file(&self, provider: &dyn Provider) -> Result<&'a Path> {
         self.file.ok_or_else(|| VideoError::Caller(format!("{} needs a file to read", provider.name())))
     }
@@ -72,7 +79,7 @@ pub const PROVIDERS: &[&dyn Provider] =
 mod tests {
     use super::*;
     use crate::cues::{write_depth, write_masks, write_tracks};
-    use animimic_scene::{DepthKind, DepthMap, Image, Tracks};
+    use animimic_scene::{DepthMap, Image, Tracks};
 
     /// A dark square that moves right over a light plane, with its masks.
     fn scene() -> (Video, Vec<Mask>) {
@@ -107,7 +114,7 @@ mod tests {
                 !provider.summary().is_empty() && PROVIDERS.iter().filter(|p| p.name() == provider.name()).count() == 1
             );
             let file = path(&format!("{kind}.npz"));
-            let sources = Sources { video: &video, silhouette: Some(&masks[0]), file: Some(&file) };
+            let sources = Sources { silhouette: Some(&masks[0]), file: Some(&file), ..Sources::new(&video) };
             let mut found = Found::default();
             provider.provide(&sources, &mut found).expect("provides");
             let count = match kind {
@@ -121,7 +128,7 @@ mod tests {
                 println!("{}: worst IoU {worst:.3}", provider.name());
                 assert!(worst > 0.98);
             }
-            let nothing = Sources { video: &video, silhouette: None, file: None };
+            let nothing = Sources::new(&video);
             if way == "file" || way == "silhouette" {
                 assert!(matches!(provider.provide(&nothing, &mut Found::default()), Err(VideoError::Caller(_))));
             }

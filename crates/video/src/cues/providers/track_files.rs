@@ -19,7 +19,11 @@ impl Provider for TrackFiles {
 
     fn provide(&self, sources: &Sources, found: &mut Found) -> Result<()> {
         let (video, path) = (sources.video, sources.need_file(self)?);
-        let tracks = read_tracks(path)?;
+        let last = video.source_frames.last().map_or(0, |k| k + 1);
+        let tracks = match read_tracks(path, Some(video.frames.len()))? {
+            t if t.pixels.len() == video.frames.len() => t,
+            _ => read_tracks(path, Some(last))?,
+        };
         let numbers = picked(video, path, tracks.pixels.len(), "frames of tracks")?;
         let scaled = resized_tracks(&tracks, video.native_size, (video.frames[0].width, video.frames[0].height));
         let last = numbers.len() - 1;
@@ -52,7 +56,7 @@ mod tests {
         let frames = vec![Image::filled(4, 4, [0; 3]); 2];
         let video = Video { frames, native_size: (8, 16), source_frames: vec![0, 3], ..Video::default() };
         let mut found = Found::default();
-        let sources = Sources { video: &video, silhouette: None, file: Some(&path) };
+        let sources = Sources { file: Some(&path), ..Sources::new(&video) };
         TrackFiles.provide(&sources, &mut found).expect("provides");
         let got = found.cues.tracks;
         assert_eq!((got.pixels[1][0], got.query_frame), ([1.5, 2.0], vec![0, 1, 1]));

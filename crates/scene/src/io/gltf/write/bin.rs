@@ -156,8 +156,9 @@ impl Output {
 }
 
 fn retarget(view: &mut Value, target: &[(usize, usize)]) {
-    let index = view.get("buffer").and_then(Value::as_u64).unwrap_or(0) as usize;
-    let Some(&(buffer, shift)) = target.get(index) else { return };
+    // What names no buffer, or none that is there, stays as useless as it is.
+    let index = view.get("buffer").and_then(Value::as_u64);
+    let Some(&(buffer, shift)) = index.and_then(|i| target.get(i as usize)) else { return };
     view["buffer"] = json!(buffer);
     if shift > 0 {
         let offset = view.get("byteOffset").and_then(Value::as_u64).unwrap_or(0) as usize;

@@ -87,13 +87,14 @@ fn replace(json: &mut Value, i: usize) -> usize {
     }
     let new = push(json, "nodes", Value::Object(stand_in));
     lists(json, i).into_iter().for_each(|(list, at)| list[at] = json!(new));
-    add_to_scenes(json, i, new);
+    let above = line_of(json, new);
+    add_to_scenes(json, i, &above);
     new
 }
 
 fn detach(json: &mut Value, i: usize) {
-    let root = root_of(json, i);
-    if root == i {
+    let above = line_of(json, i);
+    if above.len() == 1 {
         return;
     }
     for node in array(json, "nodes") {
@@ -105,28 +106,30 @@ fn detach(json: &mut Value, i: usize) {
             object.shift_remove("children");
         }
     }
-    add_to_scenes(json, i, root);
+    add_to_scenes(json, i, &above);
 }
 
-/// Adds `node` to every scene that shows the tree of `relative`.
-fn add_to_scenes(json: &mut Value, node: usize, relative: usize) {
-    let root = root_of(json, relative);
+/// Adds `node` to every scene that shows one of `relatives`, unless it is there.
+fn add_to_scenes(json: &mut Value, node: usize, relatives: &[usize]) {
     for scene in array(json, "scenes") {
         let list = array(scene, "nodes");
-        if list.iter().any(|n| n.as_u64() == Some(root as u64)) {
+        let holds = |list: &[Value], i: usize| list.iter().any(|n| n.as_u64() == Some(i as u64));
+        if !holds(list, node) && relatives.iter().any(|&r| holds(list, r)) {
             list.push(json!(node));
         }
     }
 }
 
-fn root_of(json: &Value, mut node: usize) -> usize {
+/// A node and all above it.
+fn line_of(json: &Value, node: usize) -> Vec<usize> {
     let nodes = json["nodes"].as_array().map_or(&[][..], Vec::as_slice);
     let is_child =
         |n: &Value, i: usize| n["children"].as_array().is_some_and(|c| c.iter().any(|v| v.as_u64() == Some(i as u64)));
-    while let Some(parent) = nodes.iter().position(|n| is_child(n, node)) {
-        node = parent;
+    let mut line = vec![node];
+    while let Some(parent) = nodes.iter().position(|n| is_child(n, line[line.len() - 1])) {
+        line.push(parent);
     }
-    node
+    line
 }
 
 fn retarget_animations(json: &mut Value, stand_ins: &BTreeMap<usize, usize>) {

@@ -5,6 +5,7 @@ use super::bin::{Output, Use, array, push};
 use super::place;
 use crate::io::SceneError;
 use crate::io::gltf::accessor::Document;
+use crate::io::gltf::geometry::is_drawn;
 use crate::io::gltf::json::Place;
 use crate::rig::{Influence, Skeleton, Skin};
 use crate::{Asset, Source};
@@ -38,7 +39,7 @@ pub(super) fn parts_of(json: &Value, asset: &Asset) -> Result<Vec<PartPlace>, Sc
         let Some(mesh) = place.get("mesh") else { continue };
         let primitives = root.element("meshes", mesh.usize()?, &mesh)?.list("primitives")?;
         for (primitive, p) in primitives.iter().enumerate() {
-            if !(4..=6).contains(&p.usize_or("mode", 4)?) {
+            if !is_drawn(p)? {
                 continue;
             }
             let part =
