@@ -2,9 +2,13 @@
 
 mod bar;
 mod commands;
+mod config;
 mod out;
 
-use clap::{CommandFactory, FromArgMatches, Parser};
+use anyhow::Context;
+use clap::{CommandFactory, Parser};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Animate a still, textured 3D model from a short video of it moving.
@@ -36,17 +40,41 @@ pub struct Common {
 
 /// Exit codes: 0 done, 1 failed, 2 wrong usage.
 fn main() -> ExitCode {
-    let cli = match Cli::command().try_get_matches().and_then(|m| Cli::from_arg_matches(&m)) {
-        Ok(cli) => cli,
-        Err(e) => e.exit(),
+    let arguments = match with_config(std::env::args_os().collect()) {
+        Ok(arguments) => arguments,
+        Err(e) => return failed(&e),
     };
+    let cli = Cli::try_parse_from(arguments).unwrap_or_else(|e| e.exit());
     match run(&cli) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            eprintln!("animimic: {}", one_sentence(&e));
-            ExitCode::FAILURE
-        }
+        Err(e) => failed(&e),
     }
+}
+
+fn failed(error: &anyhow::Error) -> ExitCode {
+    eprintln!("animimic: {}", one_sentence(error));
+    ExitCode::FAILURE
+}
+
+/// The command line with what the file of `--config` adds to it; what stands on the line itself counts.
+fn with_config(arguments: Vec<OsString>) -> anyhow::Result<Vec<OsString>> {
+    let asked = |a: &OsString| a.to_string_lossy().split('=').next() == Some("--config");
+    if !arguments.iter().any(asked) {
+        return Ok(arguments);
+    }
+    let mut whole = Cli::command();
+    whole.build();
+    let name = "animate";
+    let lenient = Cli::command().mut_subcommand(name, |c| c.mut_args(|a| a.required(false)));
+    // Wrong usage is told by the parser that reads the whole line.
+    let Ok(matches) = lenient.try_get_matches_from(&arguments) else { return Ok(arguments) };
+    let Some((command, given)) = matches.subcommand().filter(|s| s.0 == name) else { return Ok(arguments) };
+    let (Some(file), Some(command)) = (given.get_one::<PathBuf>("config"), whole.find_subcommand(command)) else {
+        return Ok(arguments);
+    };
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let table = config::read(file)?;
+    config::words(command, &table, folder, Some(given)).with_context(|| file.display().to_string())
 }
 
 fn run(cli: &Cli) -> anyhow::Result<()> {

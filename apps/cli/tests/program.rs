@@ -143,7 +143,8 @@ fn results(folder: &Path, threads: &str) -> Vec<(String, Vec<u8>)> {
     assert!(run.status.success(), "{}", text(&run.stderr));
     let report: Value = serde_json::from_slice(&run.stdout).unwrap();
     assert_eq!(report["clips"][0]["frames"], 4);
-    let mut files: Vec<_> = std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).collect();
+    let mut files: Vec<_> =
+        std::fs::read_dir(&out).unwrap().map(|e| e.unwrap().path()).filter(|p| p.is_file()).collect();
     files.sort();
     files
         .iter()

@@ -6,7 +6,7 @@
 mod support;
 
 use animimic::{Against, evaluate, truth};
-use animimic_fit::stage1::{self, Settings};
+use animimic_fit::stage1::{self, Forgetful, Settings};
 use std::error::Error;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -50,7 +50,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             let mut settings = Settings::default();
             leave_out(&mut settings);
             let fps = case.video.fps;
-            let outcome = stage1::fit(&case.input(), settings, name, fps, &mut |_, _| ControlFlow::Continue(()))?;
+            let outcome =
+                stage1::fit(&case.input(), settings, name, fps, &mut Forgetful, &mut |_, _| ControlFlow::Continue(()))?;
             let against = Against { truth: Some(&truth), input: Some(&case.asset), ..Against::default() };
             let evaluation = evaluate(&case.asset, &outcome.motion.poses, fps, &against)?;
             let found: Vec<f64> = FIGURES.iter().map(|f| evaluation.get(f.0).unwrap_or(f64::NAN)).collect();

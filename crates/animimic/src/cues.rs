@@ -69,7 +69,7 @@ pub fn write(
 }
 
 /// The dense flow that cameras and motions are found with: displacements [px] from one picture to another.
-pub(crate) fn dense_flow(from: &Image, to: &Image) -> Vec<[f32; 2]> {
+pub fn dense_flow(from: &Image, to: &Image) -> Vec<[f32; 2]> {
     dis(&Gray::from_image(from), &Gray::from_image(to), &FlowOptions::default()).vectors
 }
 

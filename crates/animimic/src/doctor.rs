@@ -1,6 +1,7 @@
 //! What this machine offers, and how to get what it lacks.
 
 use crate::generate::{Host, PROVIDERS, Provider, keys_set};
+use crate::run::memory::total_and_free;
 use animimic_video::source::SOURCES;
 use serde_json::{Value, json};
 use std::io::Write;
@@ -91,7 +92,7 @@ fn threads() -> Finding {
 }
 
 fn memory() -> Finding {
-    let Some((total, free)) = memory_bytes() else {
+    let Some((total, free)) = total_and_free() else {
         return Finding::new("memory", "unknown on this system");
     };
     Finding::new("memory", format!("{} of {} free", gib(free), gib(total))).unless(
@@ -99,20 +100,6 @@ fn memory() -> Finding {
         State::Lacking,
         "close other programs, or work on less at once: --height 256, fewer --frames",
     )
-}
-
-/// Total and available memory [bytes], as Linux tells, within the limit of a container.
-fn memory_bytes() -> Option<(u64, u64)> {
-    let number = |path: &str| std::fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = |name: &str| {
-        let rest = text.lines().find_map(|l| l.strip_prefix(name))?;
-        Some(1024 * rest.split_whitespace().next()?.parse::<u64>().ok()?)
-    };
-    let (total, free) = (line("MemTotal:")?, line("MemAvailable:")?);
-    let Some(limit) = number("/sys/fs/cgroup/memory.max") else { return Some((total, free)) };
-    let used = number("/sys/fs/cgroup/memory.current").unwrap_or(0);
-    Some((total.min(limit), free.min(limit.saturating_sub(used))))
 }
 
 fn temporary(folder: &Path) -> Finding {

@@ -37,6 +37,14 @@ pub enum Error {
     /// An input that does not fit the others.
     #[error("{0}")]
     Input(String),
+    /// Another run works in the same place.
+    #[error("{what}: {holder}, is at work here: wait for it, or name another place", what = .what.display())]
+    Busy {
+        /// The place.
+        what: PathBuf,
+        /// The other run, in words.
+        holder: String,
+    },
     /// The caller asked to stop.
     #[error("stopped on request; nothing was left half-written")]
     Cancelled,

@@ -5,6 +5,7 @@
 #![deny(missing_docs)]
 
 pub mod animate;
+pub mod batch;
 pub mod camera;
 pub mod cues;
 pub mod doctor;
@@ -12,12 +13,14 @@ pub mod error;
 pub mod evaluate;
 pub mod event;
 pub mod example;
+mod film;
 pub mod generate;
 pub mod measure;
 pub mod metrics;
 pub mod physics;
 pub mod pictures;
 pub mod rigging;
+pub mod run;
 pub mod soften;
 pub mod still;
 pub mod tet;

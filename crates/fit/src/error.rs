@@ -12,6 +12,9 @@ pub enum FitError {
     /// The body cannot be simulated, or its surface cannot be filled.
     #[error(transparent)]
     Sim(#[from] animimic_sim::SimError),
+    /// What was done could not be kept.
+    #[error("{0}")]
+    Keep(String),
     /// The caller asked to stop.
     #[error("stopped")]
     Stopped,

@@ -28,6 +28,10 @@ impl Evaluation {
     fn value(&self) -> f64 {
         self.parts.iter().sum()
     }
+
+    fn is_finite(&self) -> bool {
+        self.value().is_finite() && self.gradient.iter().all(|g| g.is_finite())
+    }
 }
 
 /// A function to be made small.
@@ -42,18 +46,30 @@ pub trait Objective {
     fn retract(&self, at: &Self::Point, step: &[f64]) -> Self::Point;
 }
 
+/// Where a descent ended, and how it came there.
+pub struct Descent<P> {
+    /// The last point.
+    pub end: P,
+    /// Parts of the value at the start and after each step.
+    pub history: Vec<Vec<f64>>,
+    /// Steps to where value or gradient is not a number: each was taken back and tried shorter.
+    pub not_finite: usize,
+}
+
+/// Steps to where something is not a number after which the search ends with the best so far.
+const MAX_NOT_FINITE: usize = 3;
+
 /// Goes down from a point in at most `iterations` steps; ends early where a step gains less than the share `tolerance` of
-/// the value. Returns the last point, and the parts of the value at the start and after each step.
-pub fn minimise<O: Objective>(
-    objective: &O,
-    start: O::Point,
-    iterations: usize,
-    tolerance: f64,
-) -> (O::Point, Vec<Vec<f64>>) {
+/// the value.
+pub fn minimise<O: Objective>(objective: &O, start: O::Point, iterations: usize, tolerance: f64) -> Descent<O::Point> {
     let mut at = start;
     let mut here = objective.evaluate(&at);
     let mut history = vec![here.parts.clone()];
     let mut pairs: VecDeque<Pair> = VecDeque::new();
+    let mut not_finite = usize::from(!here.is_finite());
+    if not_finite > 0 {
+        return Descent { end: at, history, not_finite };
+    }
     for _ in 0..iterations {
         let mut step = direction(objective, &pairs, &here.gradient);
         let mut slope = dot(&step, &here.gradient);
@@ -62,7 +78,8 @@ pub fn minimise<O: Objective>(
             step = objective.precondition(&here.gradient).iter().map(|v| -v).collect();
             slope = dot(&step, &here.gradient);
         }
-        let Some((scale, next, there)) = search(objective, &at, here.value(), &step, slope) else { break };
+        let found = search(objective, &at, here.value(), &step, slope, &mut not_finite);
+        let Some((scale, next, there)) = found else { break };
         let gain = here.value() - there.value();
         history.push(there.parts.clone());
         let s: Vec<f64> = step.iter().map(|v| scale * v).collect();
@@ -79,7 +96,7 @@ pub fn minimise<O: Objective>(
             pairs.push_back(Pair { s, y, sy });
         }
     }
-    (at, history)
+    Descent { end: at, history, not_finite }
 }
 
 /// A step, the change of the gradient along it, and their product.
@@ -117,13 +134,19 @@ fn search<O: Objective>(
     value: f64,
     step: &[f64],
     slope: f64,
+    not_finite: &mut usize,
 ) -> Option<(f64, O::Point, Evaluation)> {
     let mut scale = 1.0;
     for _ in 0..=MAX_SHRINKS {
         let scaled: Vec<f64> = step.iter().map(|v| scale * v).collect();
         let next = objective.retract(at, &scaled);
         let there = objective.evaluate(&next);
-        if there.value() <= value + SUFFICIENT * scale * slope && there.value() < value {
+        if !there.is_finite() {
+            *not_finite += 1;
+            if *not_finite >= MAX_NOT_FINITE {
+                return None;
+            }
+        } else if there.value() <= value + SUFFICIENT * scale * slope && there.value() < value {
             return Some((scale, next, there));
         }
         scale *= SHRINK;
@@ -179,7 +202,7 @@ mod tests {
     #[test]
     fn it_descends_always_and_soon_where_the_metric_is_known() {
         let run = |knows: bool| -> Vec<f64> {
-            let (_, history) = minimise(&Bowl { knows }, vec![-1.0; 40], 200, 1e-12);
+            let history = minimise(&Bowl { knows }, vec![-1.0; 40], 200, 1e-12).history;
             let values: Vec<f64> = history.iter().map(|parts| parts.iter().sum()).collect();
             assert!(values.windows(2).all(|w| w[1] < w[0]), "every step descends");
             values
@@ -189,5 +212,37 @@ mod tests {
         println!("{} steps to {:.1e} without", without.len(), without[without.len() - 1]);
         assert!(with[with.len() - 1] < 1e-6 && with.len() < 80);
         assert!(with.len() < without.len());
+    }
+
+    /// A bowl whose value, or gradient alone, is not a number beyond a distance from the origin.
+    struct Cliff {
+        at: f64,
+        gradient_only: bool,
+    }
+
+    impl Objective for Cliff {
+        type Point = f64;
+        fn evaluate(&self, x: &f64) -> Evaluation {
+            let beyond = if x.abs() > self.at { f64::NAN } else { 0.0 };
+            let value = (x - 1.0).powi(2) + if self.gradient_only { 0.0 } else { beyond };
+            Evaluation { parts: vec![value], gradient: vec![2.0 * (x - 1.0) + beyond] }
+        }
+        fn precondition(&self, g: &[f64]) -> Vec<f64> {
+            vec![0.5 * g[0]]
+        }
+        fn retract(&self, x: &f64, step: &[f64]) -> f64 {
+            x + step[0]
+        }
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_stepped_back_from_and_told() {
+        for (at, gradient_only) in [(0.5, false), (0.5, true), (0.01, false), (-1.0, false)] {
+            let found = minimise(&Cliff { at, gradient_only }, 0.0, 50, 1e-9);
+            println!("cliff at {at}: ends at {} after {} not finite", found.end, found.not_finite);
+            assert!((1..=MAX_NOT_FINITE).contains(&found.not_finite) && found.end <= at.max(0.0));
+            // Where shortening helps, it goes on; else it stays where it was.
+            assert_eq!(found.end > 0.0, at == 0.5);
+        }
     }
 }

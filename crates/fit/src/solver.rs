@@ -46,20 +46,28 @@ impl Default for Options {
 pub struct Report {
     /// Energy before and after each accepted step.
     pub energies: Vec<f64>,
+    /// Steps whose energy was not a number: each was taken back and tried shorter.
+    pub not_finite: usize,
 }
 
 const DAMPING_DOWN: f64 = 5.0;
 const DAMPING_UP: f64 = 6.0;
 const LEAST_DAMPING: f64 = 1e-7;
 const MAX_REJECTIONS: usize = 8;
+/// Steps whose energy is not a number after which a solve ends with the best so far: shortening does not help then.
+const MAX_NOT_FINITE: usize = 3;
 /// Added to every diagonal entry in the damping: parameters that nothing observes stay where they are.
 const DIAGONAL_FLOOR: f64 = 1e-3;
 
 /// Minimises the energy over the frames in `active`; poses outside it stay and hold their neighbours by smoothness.
+/// Only descent is accepted, so an energy that is not a number is never arrived at; where it is none from the start, nothing moves.
 pub fn solve(problem: &Problem, poses: &mut [FramePose], active: Range<usize>, options: &Options) -> Report {
     let mut posed = pose_all(problem, poses);
     let mut energy = total_energy(problem, poses, &posed, &active);
-    let mut report = Report { energies: vec![energy] };
+    let mut report = Report { energies: vec![energy], not_finite: usize::from(!energy.is_finite()) };
+    if !energy.is_finite() {
+        return report;
+    }
     let mut damping = options.damping;
     for _ in 0..options.max_iterations {
         let model = linearize(problem, poses, &posed, &active);
@@ -72,6 +80,10 @@ pub fn solve(problem: &Problem, poses: &mut [FramePose], active: Range<usize>, o
                 if trial_energy < energy {
                     accepted = Some((trial, trial_posed, trial_energy));
                     break;
+                }
+                report.not_finite += usize::from(!trial_energy.is_finite());
+                if report.not_finite >= MAX_NOT_FINITE {
+                    return report;
                 }
             }
             damping *= DAMPING_UP;
@@ -326,6 +338,51 @@ mod tests {
             assert_eq!(one, three);
             assert!(one.1.last() < one.1.first() || one.1[0] == 0.0, "and it descends");
         });
+    }
+
+    /// Pulls towards other poses; its energy is not a number beyond a distance from rest, so that good steps look bad.
+    struct Abyss {
+        beyond_rad: f64,
+    }
+
+    impl Term for Abyss {
+        fn name(&self) -> &'static str {
+            "abyss"
+        }
+        fn energy(&self, context: &Context, at: &At) -> f64 {
+            let v = context.kinematics.difference(&context.kinematics.rest(), at.pose);
+            let far = v.iter().any(|x| x.abs() > self.beyond_rad);
+            if far { f64::NAN } else { v.iter().map(|x| (x - 1.0).powi(2)).sum() }
+        }
+        fn linearize(&self, context: &Context, at: &At, normal: &mut NormalEquations) {
+            let v = context.kinematics.difference(&context.kinematics.rest(), at.pose);
+            for (i, x) in v.iter().enumerate() {
+                normal.hessian[i * v.len() + i] += 1.0;
+                normal.gradient[i] += x - 1.0;
+            }
+        }
+    }
+
+    #[test]
+    fn an_energy_that_is_not_a_number_is_rolled_back_and_told() {
+        let (rig, mesh) = creature();
+        let tree = SolveTree::new(&rig, &mesh);
+        let camera = camera();
+        let context = || Context { kinematics: &tree.kinematics, camera: &camera, anchors: &[], columns: &[] };
+        for beyond_rad in [0.9, 0.3, -1.0] {
+            let abyss = Abyss { beyond_rad };
+            let problem = Problem { context: context(), terms: vec![&abyss], smoothness: None };
+            let mut poses = vec![tree.kinematics.rest(); 2];
+            let report = solve(&problem, &mut poses, 0..2, &Options::default());
+            println!("beyond {beyond_rad}: {} not finite, energies {:?}", report.not_finite, report.energies);
+            assert!((1..=MAX_NOT_FINITE).contains(&report.not_finite));
+            if beyond_rad < 0.0 {
+                assert_eq!(poses, vec![tree.kinematics.rest(); 2]);
+                continue;
+            }
+            assert!(report.energies.iter().all(|e| e.is_finite()));
+            assert!(total_energy(&problem, &poses, &pose_all(&problem, &poses), &(0..2)).is_finite());
+        }
     }
 
     fn pushed(anchor: &Anchor, kinematics: &Kinematics, posed: &Posed, v: &[f64]) -> DVec3 {

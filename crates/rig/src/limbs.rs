@@ -2,7 +2,8 @@
 //!
 //! A limb is a chain of joints from below a branching to a tip. Where it is bent at rest, it bends on in the same plane:
 //! the normal of that plane is its hinge axis (a knee, an elbow, a hock). Only limbs that come in pairs hinge: a neck or a
-//! tail that is bent at rest turns to all sides.
+//! tail that is bent at rest turns to all sides. Where the joints of pairs lie beside each other, that is the body's sideways
+//! direction; a straight leg tells no plane of its own, but what stands on the ground swings fore and aft, about that direction.
 
 use crate::kinematics::Kinematics;
 use glam::DVec3;
@@ -18,6 +19,10 @@ pub struct Limb {
     pub tip: DVec3,
     /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one without a partner.
     pub hinge: Option<DVec3>,
+    /// The limb of the same build beside this one, if each is the other's nearest.
+    pub partner: Option<usize>,
+    /// Ends on the ground: in the lowest part of the body.
+    pub stands: bool,
 }
 
 /// Bones shorter than this turn without being seen [rest diagonal].
@@ -26,10 +31,18 @@ const SHORTEST_LEVER: f64 = 0.04;
 const LEAST_BEND_RAD: f64 = 0.2;
 /// A chain whose side branch is longer than this share of the way to it is a trunk.
 const TRUNK_SHARE: f64 = 0.6;
-/// Lengths of a pair of limbs differ by less than this share.
-const PARTNER_TOLERANCE: f64 = 0.2;
+/// Bones of a pair of limbs differ by less than this share of the limb's length, all together.
+const PARTNER_TOLERANCE: f64 = 0.3;
+/// What the way between two limbs counts beside the difference of their bones.
+const NEAR: f64 = 0.2;
 /// A pair of limbs lies this far apart [rest diagonal].
 const BESIDE: f64 = 0.02;
+/// A limb stands if it ends in this lowest share of the body's height.
+const GROUND: f64 = 0.3;
+/// Pairs, and hinges, within this angle of each other agree (cosine of 30°).
+const AGREEMENT: f64 = 0.866;
+/// Limbs whose own hinge is within this of the body's sideways axis hinge about that axis (cosine of 45°).
+const ALIGNED: f64 = 0.707;
 
 /// All limbs. `tips` are the farthest surface points of each joint's own geometry, used as the end of the last bone.
 pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb> {
@@ -51,27 +64,93 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
             continue;
         }
         let hinge = hinge(&(0..joints.len()).map(bone).collect::<Vec<_>>(), diagonal);
-        limbs.push(Limb { joints, levers, tip: ends[ends.len() - 1], hinge });
+        limbs.push(Limb { joints, levers, tip: ends[ends.len() - 1], hinge, partner: None, stands: false });
     }
-    let paired: Vec<bool> = (0..limbs.len()).map(|i| has_partner(kinematics, &limbs, &reach, i, diagonal)).collect();
-    for (limb, paired) in limbs.iter_mut().zip(paired) {
-        limb.hinge = limb.hinge.filter(|_| paired);
+    find_partners(kinematics, &mut limbs, None, diagonal);
+    // A neck may be as long as the leg beside it: the direction in which most pairs lie tells them apart.
+    if let Some(lateral) = lateral(kinematics, &limbs) {
+        find_partners(kinematics, &mut limbs, Some(lateral), diagonal);
+    }
+    let heights = || tips.iter().chain(&kinematics.pivots).map(|p| p.y);
+    let lowest = heights().fold(f64::INFINITY, f64::min);
+    let highest = heights().fold(f64::NEG_INFINITY, f64::max);
+    for limb in &mut limbs {
+        limb.hinge = limb.hinge.filter(|_| limb.partner.is_some());
+        let foot = limb.joints.iter().map(|&j| kinematics.pivots[j].y).fold(limb.tip.y, f64::min);
+        limb.stands = foot < lowest + GROUND * (highest - lowest);
     }
     limbs
 }
 
-/// Whether another bent limb of the same build lies elsewhere: legs and arms come in pairs, a neck or a tail does not.
-fn has_partner(kinematics: &Kinematics, limbs: &[Limb], reach: &[f64], i: usize, diagonal: f64) -> bool {
-    let center = |l: &Limb| l.levers.iter().map(|&j| kinematics.pivots[j]).sum::<DVec3>() / l.levers.len() as f64;
-    let alike = |a: f64, b: f64| (a - b).abs() < PARTNER_TOLERANCE * a.max(b);
-    let this = &limbs[i];
-    limbs.iter().enumerate().any(|(k, other)| {
-        k != i
-            && other.hinge.is_some()
-            && other.joints.len() == this.joints.len()
-            && alike(reach[other.joints[0]], reach[this.joints[0]])
-            && center(other).distance(center(this)) > BESIDE * diagonal
-    })
+/// The body's sideways direction: from hip to hip and from shoulder to shoulder where most pairs agree, else the axis about which most
+/// limbs bend, if at least two and half of them agree.
+pub fn lateral(kinematics: &Kinematics, limbs: &[Limb]) -> Option<DVec3> {
+    let top = |l: &Limb| kinematics.pivots[l.joints[0]];
+    let pairs = limbs.iter().enumerate().filter_map(|(i, l)| Some((l, &limbs[l.partner.filter(|&k| k > i)?])));
+    let across: Vec<DVec3> = pairs.filter_map(|(a, b)| (top(a) - top(b)).try_normalize()).collect();
+    let hinges: Vec<DVec3> = limbs.iter().filter_map(|l| l.hinge).collect();
+    agreed(&across, 1).or_else(|| agreed(&hinges, 2))
+}
+
+/// Mean of those axes that agree with the one with which most do; `None` where fewer than `least` or than half of all agree.
+fn agreed(axes: &[DVec3], least: usize) -> Option<DVec3> {
+    let agreeing = |axis: DVec3| axes.iter().filter(move |h| h.dot(axis).abs() > AGREEMENT);
+    // The first of the best, so that the order of limbs alone decides between equals.
+    let best = axes.iter().copied().rev().max_by_key(|h| agreeing(*h).count())?;
+    let sum: DVec3 = agreeing(best).map(|h| if h.dot(best) < 0.0 { -*h } else { *h }).sum();
+    let count = agreeing(best).count();
+    (count >= least && 2 * count >= axes.len()).then(|| sum.normalize())
+}
+
+/// Turns hinges to the sideways direction where they, or their partner's, are near it: a leg that stands askew at rest still bends fore
+/// and aft, and partners bend alike. Straight legs in pairs take it as theirs.
+pub fn align_hinges(kinematics: &Kinematics, limbs: &mut [Limb], lateral: DVec3) {
+    let aligned: Vec<bool> = limbs
+        .iter()
+        .map(|limb| {
+            let along = (limb.tip - kinematics.pivots[limb.joints[0]]).normalize_or_zero();
+            match limb.hinge {
+                Some(hinge) => lateral.dot(hinge).abs() > ALIGNED,
+                None => limb.partner.is_some() && limb.stands && along.dot(lateral).abs() < ALIGNED,
+            }
+        })
+        .collect();
+    for (i, limb) in limbs.iter_mut().enumerate() {
+        if aligned[i] || limb.partner.is_some_and(|k| aligned[k]) {
+            limb.hinge = Some(lateral);
+        }
+    }
+}
+
+/// Pairs limbs of which each is the most like the other, beside it in the direction `lateral` if that is known: on the same joint, with as
+/// many bones, as long, and near.
+fn find_partners(kinematics: &Kinematics, limbs: &mut [Limb], lateral: Option<DVec3>, diagonal: f64) {
+    let pivot = |j: usize| kinematics.pivots[j];
+    let bones = |l: &Limb| l.joints.windows(2).map(|w| pivot(w[0]).distance(pivot(w[1]))).collect::<Vec<_>>();
+    let ends = |l: &Limb| pivot(l.joints[l.joints.len() - 1]).distance(l.tip);
+    let most_alike = |i: usize| {
+        let a = &limbs[i];
+        let own = bones(a);
+        let whole = own.iter().sum::<f64>() + ends(a);
+        let unlike = |b: &Limb| {
+            let across = pivot(b.joints[0]) - pivot(a.joints[0]);
+            let far = across.length();
+            let beside = lateral.is_none_or(|l| l.dot(across).abs() > AGREEMENT * far);
+            let differ: f64 = own.iter().zip(bones(b)).map(|(p, q)| (p - q).abs()).sum::<f64>();
+            let fits = b.joints.len() == a.joints.len()
+                && kinematics.parents[b.joints[0]] == kinematics.parents[a.joints[0]]
+                && (ends(a) - ends(b)).abs() + differ < PARTNER_TOLERANCE * whole
+                && far > BESIDE * diagonal
+                && beside;
+            fits.then_some(differ + NEAR * far)
+        };
+        let others = (0..limbs.len()).filter(|&k| k != i).filter_map(|k| Some((k, unlike(&limbs[k])?)));
+        others.min_by(|p, q| p.1.total_cmp(&q.1)).map(|o| o.0)
+    };
+    let best: Vec<Option<usize>> = (0..limbs.len()).map(most_alike).collect();
+    for (i, limb) in limbs.iter_mut().enumerate() {
+        limb.partner = best[i].filter(|&k| best[k] == Some(i));
+    }
 }
 
 /// The joints from `top` along the longest way to a tip; `None` where the chain forks into parts that are long themselves: that
@@ -158,5 +237,47 @@ mod tests {
         assert!(found[0].hinge.expect("bent").x.abs() > 0.99);
         assert!(found[1].hinge.is_none());
         assert!(found[2].hinge.is_none(), "a bent neck turns to all sides");
+    }
+
+    /// A body along z with four straight legs, of which one pair is in mid-stride, and a neck of as many bones.
+    fn straight_legged() -> (Kinematics, Vec<DVec3>) {
+        let mut parents = vec![None, Some(0)];
+        let mut pivots = vec![DVec3::ZERO, DVec3::new(0.0, 0.0, 1.0)];
+        let mut add = |parent: usize, places: [DVec3; 3]| {
+            let first = pivots.len();
+            parents.extend([Some(parent), Some(first), Some(first + 1)]);
+            pivots.extend(places);
+        };
+        for x in [0.15, -0.15] {
+            let leg = |z: f64, stride: f64| {
+                [0.0, 0.4, 0.8].map(|s: f64| DVec3::new(x, -s * stride.cos(), z + s * stride.sin()))
+            };
+            add(0, leg(0.0, 0.0));
+            add(1, leg(1.0, 2.0 * x));
+        }
+        add(1, [0.1, 0.5, 0.9].map(|s| DVec3::new(0.0, 0.0, 1.0 + s)));
+        let mut tips = pivots.clone();
+        for j in [4, 7, 10, 13] {
+            tips[j] += DVec3::new(0.0, -0.15, 0.0);
+        }
+        let count = parents.len();
+        (Kinematics::new(parents, pivots, vec![true; count], vec![false; count]), tips)
+    }
+
+    #[test]
+    fn straight_legs_swing_about_the_line_from_hip_to_hip_and_a_neck_as_long_does_not() {
+        let (tree, tips) = straight_legged();
+        let mut found = limbs(&tree, &tips, 2.5);
+        let lateral = lateral(&tree, &found).expect("two pairs agree");
+        align_hinges(&tree, &mut found, lateral);
+        println!("sideways {lateral}");
+        for limb in &found {
+            println!("{:?}: partner {:?}, hinge {:?}", limb.joints, limb.partner, limb.hinge);
+        }
+        assert!(lateral.x.abs() > 0.999);
+        let hinged: Vec<usize> = found.iter().filter(|l| l.hinge == Some(lateral)).map(|l| l.joints[0]).collect();
+        assert_eq!(hinged, [2, 5, 8, 11]);
+        let neck = found.iter().find(|l| l.joints[0] == 14).expect("the neck is a limb");
+        assert!(neck.hinge.is_none() && neck.partner.is_none());
     }
 }

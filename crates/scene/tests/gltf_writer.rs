@@ -186,6 +186,32 @@ fn samplers_start_at_zero_increase_share_their_input_turn_continuously_and_only_
 }
 
 #[test]
+fn what_moves_in_one_of_several_clips_has_a_channel_in_all_of_them() {
+    let input = read(common::creature().glb());
+    let still = Pose { locals: input.rig.skeleton.rest_locals() };
+    let still = Motion { name: "still".into(), fps: 24.0, poses: vec![still; 3] };
+    let mut nod = Motion { name: "nod".into(), poses: still.poses.clone(), ..still.clone() };
+    nod.poses.iter_mut().enumerate().for_each(|(f, p)| p.locals[1].scale *= 1.0 + 0.1 * f as f64);
+    let options = ExportOptions { keep_clips: false, ..ExportOptions::default() };
+    let output = read(write_clips(&input, &[motion(&input, 5), still, nod], &options).unwrap());
+    let targets = |k: usize| -> Vec<String> {
+        let channels = parts(&output).0["animations"][k]["channels"].as_array().unwrap().clone();
+        let mut all: Vec<String> = channels.iter().map(|c| c["target"].to_string()).collect();
+        all.sort();
+        all
+    };
+    println!("{:?}", targets(0));
+    assert_eq!(targets(0).len(), 5, "four of the wave, one of the nod");
+    assert!(targets(0) == targets(1) && targets(1) == targets(2));
+    let clips = clips(&output).unwrap();
+    let rest = input.rig.skeleton.rest_locals();
+    for (held, joint) in [(&clips[1], 2), (&clips[2], 2)] {
+        let local = held.pose(&output.rig.skeleton, 0.05).locals[joint];
+        assert!((local.rotation.dot(rest[joint].rotation).abs() - 1.0).abs() < 1e-6, "{}", held.name);
+    }
+}
+
+#[test]
 fn a_motion_that_stands_still_is_a_valid_clip() {
     let input = read(common::creature().glb());
     let still =

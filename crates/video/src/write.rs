@@ -20,9 +20,19 @@ const KEY_INTERVAL: u32 = 24;
 /// Odd sizes are padded to even ones by repeating the last column or row.
 /// Errors: no frames, frames of different sizes, a frame rate that is not positive, or the disk.
 pub fn write_mp4(path: &Path, frames: &mut dyn Iterator<Item = Image>, fps: f64) -> Result<()> {
+    let mut frames = frames.peekable();
+    frames.peek().ok_or_else(|| no_frames(path))?;
+    write_whole(path, &encode_mp4(&mut frames, fps)?)
+}
+
+/// The bytes of such a video.
+///
+/// Errors: as [`write_mp4`], but for the disk.
+pub fn encode_mp4(frames: &mut dyn Iterator<Item = Image>, fps: f64) -> Result<Vec<u8>> {
     check_fps(fps)?;
     let mut frames = frames.peekable();
-    let (width, height) = frames.peek().map(|f| (f.width, f.height)).ok_or_else(|| no_frames(path))?;
+    let size = frames.peek().map(|f| (f.width, f.height));
+    let (width, height) = size.ok_or_else(|| VideoError::Caller("no frames to encode".into()))?;
     let (even_w, even_h) = (width.next_multiple_of(2), height.next_multiple_of(2));
     let mut encoder = Encoder::new(encoder_config(even_w, even_h, fps))
         .map_err(|e| VideoError::Caller(format!("cannot encode {width}×{height} pixels: {e:?}")))?;
@@ -42,7 +52,7 @@ pub fn write_mp4(path: &Path, frames: &mut dyn Iterator<Item = Image>, fps: f64)
         muxer.write_video(t as f64 / fps, &unit, is_key).map_err(muxed)?;
     }
     muxer.finish().map_err(muxed)?;
-    write_whole(path, &file)
+    Ok(file)
 }
 
 fn encoder_config(width: usize, height: usize, fps: f64) -> EncoderConfig {

@@ -18,6 +18,7 @@ pub struct Fit {
 
 impl Fit {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
-        self.fitting.run(&self.model, &self.videos, &self.out, common, animimic::fit, Path::to_path_buf)
+        let job = self.fitting.job(&self.model, self.videos.clone(), &self.out, common);
+        self.fitting.run(&job, common, animimic::fit, Path::to_path_buf)
     }
 }

@@ -6,6 +6,7 @@ use animimic::camera::CameraChoice;
 use animimic::rigging::RigChoice;
 use animimic::scene::DepthKind;
 use animimic::{Error, Job, Preset, Progress, Report};
+use clap::ValueHint;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -13,10 +14,10 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 pub struct Fitting {
     /// The rig: auto (the model's own, else one is made), keep (only the model's own), or a rigged GLB or rig.txt
-    #[arg(long, value_name = "auto|keep|FILE", default_value = "auto")]
+    #[arg(long, value_name = "auto|keep|FILE", default_value = "auto", value_hint = ValueHint::AnyPath)]
     pub rig: RigChoice,
     /// Camera of the videos: auto, a camera.json, or preset:NAME (see `animimic list cameras`)
-    #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto")]
+    #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto", value_hint = ValueHint::AnyPath)]
     pub camera: CameraChoice,
     /// Name of the clip in the GLB; once per video [default: the video's file name]
     #[arg(long = "clip", value_name = "NAME")]
@@ -51,23 +52,20 @@ impl Fitting {
     /// Does `work` with a bar, and prints its report with what was made: the path that `made` finds in the result's.
     pub fn run(
         &self,
-        model: &Path,
-        videos: &[PathBuf],
-        result: &Path,
+        job: &Job,
         common: &Common,
         work: impl FnOnce(&Job, &mut Progress) -> Result<Report, Error>,
         made: impl FnOnce(&Path) -> PathBuf,
     ) -> anyhow::Result<()> {
-        let job = self.job(model, videos.to_vec(), result, common);
         let mut bar = Bar::new(common);
-        let report = work(&job, &mut |e| bar.on_event(e))?;
+        let report = work(job, &mut |e| bar.on_event(e))?;
         drop(bar);
         let json = serde_json::to_value(&report)?;
-        out::print(common, &json, || words(&report) + &format!("{}\n", made(result).display()))
+        out::print(common, &json, || words(&report) + &format!("{}\n", made(&job.out).display()))
     }
 
     /// The job that the options ask for.
-    fn job(&self, model: &Path, videos: Vec<PathBuf>, out: &Path, common: &Common) -> Job {
+    pub fn job(&self, model: &Path, videos: Vec<PathBuf>, out: &Path, common: &Common) -> Job {
         Job {
             rig: self.rig.clone(),
             camera: self.camera.clone(),
@@ -98,6 +96,9 @@ fn words(report: &Report) -> String {
             }
         }
         text += "\n";
+        if let Some(verdict) = clip.softness["verdict"].as_str() {
+            text += &format!("  {verdict}\n");
+        }
         clip.uncertain.iter().for_each(|doubt| text += &format!("  uncertain: {doubt}\n"));
     }
     text

@@ -28,6 +28,8 @@ macro_rules! commands {
 commands! {
     /// Move a model as a video shows, rigged or not: GLB, videos to look at and a report
     animate::Animate,
+    /// Move many models as a list says: resumable, several at a time, with a table at the end
+    batch::Batch,
     /// Find the motion alone: model and videos in, one GLB with a clip per video out
     fit::Fit,
     /// Find masks and point tracks in a video, with an overlay video to look at

@@ -1,6 +1,7 @@
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::Physics;
+use animimic::camera::CameraChoice;
 use animimic::sim::tet::DEFAULT_TETS;
 use animimic::soften::Softness;
 use serde_json::Value;
@@ -13,6 +14,12 @@ pub struct Soften {
     /// Folder for softened.glb, views.mp4 and report.json; made if absent
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
+    /// A video of the clip: the stiffness is learnt from it, and the frames decide where the soft surface stays
+    #[arg(long, value_name = "FILE")]
+    video: Option<PathBuf>,
+    /// Camera of the video: auto, a camera.json, or preset:NAME
+    #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto", requires = "video")]
+    camera: CameraChoice,
     /// Stiffness in pascals, or flesh, rubber, jelly, fat; MATERIAL=VALUE for one material, several may be given [default: flesh]
     #[arg(long = "young", value_name = "VALUE|MATERIAL=VALUE")]
     softness: Vec<Softness>,
@@ -48,6 +55,8 @@ pub struct Soften {
 impl Soften {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
         let job = animimic::soften::Soften {
+            video: self.video.clone(),
+            camera: self.camera.clone(),
             clip: self.clip.clone(),
             softness: self.softness.clone(),
             tets: self.tets,
@@ -72,8 +81,9 @@ fn words(report: &Value) -> String {
     let number = |path: &str| report.pointer(path).and_then(Value::as_f64).unwrap_or(f64::NAN);
     let text = |path: &str| report.pointer(path).and_then(Value::as_str).unwrap_or_default();
     let carrier = Some(text("/export/carrier")).filter(|c| !c.is_empty()).map_or_else(String::new, |c| format!(" ({c})"));
+    let verdict = Some(text("/verdict")).filter(|v| !v.is_empty()).map_or_else(String::new, |v| format!("{v}\n"));
     format!(
-        "{}: {} frames, {} tets, {} inverted, volume within {:.1} %\n\
+        "{verdict}{}: {} frames, {} tets, {} inverted, volume within {:.1} %\n\
          surface {:.2} % of the diagonal from skinning (rms); crossing triangles {} -> {} over the clip\n\
          physics as {}{carrier}: residual rms {:.3} %, p99 {:.3} %\n",
         text("/clip"),

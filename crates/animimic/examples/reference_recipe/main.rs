@@ -12,7 +12,7 @@ mod majorised;
 #[path = "../support/mod.rs"]
 mod support;
 
-use animimic_fit::quasi_newton::{Evaluation, Objective, minimise};
+use animimic_fit::quasi_newton::{Descent, Evaluation, Objective, minimise};
 use animimic_fit::reference::{self, Loss, Parts, Schedule};
 use animimic_fit::solver::{Options, linearize, solve};
 use animimic_fit::stage1::solve::Stage;
@@ -101,7 +101,7 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
     let stage = stage1::stage(&Input { tracks: None, ..input }, &subject, &light, Settings::default());
     let mut poses = rest;
     let mut failed = None;
-    race.step(&mut poses, |poses| match stage.track(1.0, None, &mut |_| ControlFlow::Continue(())) {
+    race.step(&mut poses, |poses| match stage.track(1.0, None, stage.at_rest(), &mut |_| Ok(())) {
         Ok(found) => *poses = found.expect("without a rival it goes on to the end").poses,
         Err(e) => failed = Some(e),
     });
@@ -109,16 +109,16 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
     let rounds = stage.settings.batch_rounds;
     for round in 0..rounds {
         race.step(&mut poses, |poses| {
-            stage.refine_once(poses, stage.strength((round + 1) as f64 / rounds as f64, 1.0));
+            stage.refine(poses, round, 1.0);
         });
     }
     let rounds = stage.settings.final_rounds;
     race.step(&mut poses, |poses| {
-        stage.finish(poses, rounds / 2);
+        (0..rounds / 2).for_each(|_| drop(stage.finish(poses)));
         stage.flip_limbs(poses);
     });
     race.step(&mut poses, |poses| {
-        stage.finish(poses, rounds - rounds / 2);
+        (rounds / 2..rounds).for_each(|_| drop(stage.finish(poses)));
     });
     race.step(&mut poses, |poses| {
         stage.polish(poses);
@@ -161,7 +161,7 @@ impl Race<'_> {
         let metric = metric.ok_or("the metric is not positive definite")?;
         // The normal matrix is half the Hessian of the energy, which is UNIT times L.
         let same = Same { loss, metric, scale: 0.5 * majorised::UNIT };
-        let (end, history) = minimise(&same, std::mem::take(poses), CYCLES.1, 1e-4);
+        let Descent { end, history, .. } = minimise(&same, std::mem::take(poses), CYCLES.1, 1e-4);
         *poses = end;
         let spent = cpu_seconds() - start;
         for (k, parts) in history.iter().enumerate().skip(1) {

@@ -3,11 +3,11 @@
 use super::html::escape;
 use animimic_fit::stage1::Certainty;
 use animimic_scene::Skeleton;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// How well the part of the surface that follows one joint is known.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PartCertainty {
     /// Name of the joint.
     pub joint: String,

@@ -41,6 +41,7 @@ pub fn page(report: &Report, shown: &[Shown]) -> String {
     for (clip, shown) in report.clips.iter().zip(shown) {
         clip_section(&mut out, clip, shown);
     }
+    material(&mut out, &report.material);
     let _ = write!(out, "<h2>Run</h2>{}{}{}", table(&report.size), table(&report.options), table(&report.timings));
     out.push_str("</html>\n");
     out
@@ -49,7 +50,7 @@ pub fn page(report: &Report, shown: &[Shown]) -> String {
 fn clip_section(out: &mut String, clip: &ClipReport, shown: &Shown) {
     let _ = write!(
         out,
-        "<h2>{}</h2><p>{} frames at {:.3} frames a second, {}×{} px (file: {}×{} px). Video, result, and the result turned by 45° to either side:</p>\
+        "<h2>{}</h2><p>{} frames at {:.3} frames a second, {}×{} px (file: {}×{} px). Video, result (skinned and soft, where soft tissue was asked for), and the result turned by 45° to either side:</p>\
          <video controls loop muted autoplay playsinline src=\"data:video/mp4;base64,{}\"></video>\
          <p>Eight frames: video, result, outline and skeleton over the video.</p><img alt=\"contact sheet\" src=\"data:image/png;base64,{}\">\
          <p>Where result and video disagree: <a href=\"{}\">{}</a> (warm: colour; blue: the model sticks out; red: it does not reach).</p>",
@@ -80,10 +81,40 @@ fn clip_section(out: &mut String, clip: &ClipReport, shown: &Shown) {
             certainty::chart(&clip.certainty)
         );
     }
+    if let Some(verdict) = clip.softness["verdict"].as_str() {
+        let _ = write!(out, "<h3>Soft tissue</h3><p>{}</p>{}", escape(verdict), table(&clip.softness));
+    }
     let _ = write!(out, "<h3>Numbers</h3>{}{}<h3>Loss</h3>", table(&clip.metrics), table(&clip.cues));
     for curve in &clip.losses {
         out.push_str(&line_chart(&escape(&curve.stage), &curve.values));
     }
+}
+
+/// What was learnt of the flesh.
+fn material(out: &mut String, material: &Value) {
+    let Some(groups) = material["groups"].as_array() else { return };
+    let loose: Vec<&str> = material["loose"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let loose = if loose.is_empty() { "none".to_owned() } else { loose.join(", ") };
+    let _ = write!(
+        out,
+        "<h2>Material</h2><p>Young's modulus by group of flesh, at a model {} m long, with the standard deviation of its logarithm. \
+         What the videos do not tell stays at {:.0} Pa. Loose joints: {}.</p><table>",
+        material["size_m"],
+        material["prior_young"].as_f64().unwrap_or(f64::NAN),
+        escape(&loose)
+    );
+    for group in groups {
+        let number = |key: &str| group[key].as_f64().unwrap_or(f64::NAN);
+        let told = if group["learnt"] == true { "" } else { " (not told by the video)" };
+        let _ = write!(
+            out,
+            "<tr><td>{}{told}</td><td>{:.3e} Pa, ± {:.2}</td></tr>",
+            escape(group["group"].as_str().unwrap_or_default()),
+            number("young"),
+            number("ln_young_deviation")
+        );
+    }
+    out.push_str("</table>");
 }
 
 /// The scalar members of an object as a two-column table.

@@ -1,22 +1,25 @@
 //! The whole way: model and videos in; animated GLB, videos to look at and a report out.
 //!
-//! read → rig, if there is none → cues → camera → motion → export → pictures → metrics. Everything is computed before the
-//! first file is written, and every file appears whole or not at all.
+//! read → rig, if there is none → cues → camera → motion → soft tissue → export → pictures → metrics. Everything is computed before
+//! the first result is written, and every file appears whole or not at all; what each stage found is kept ([`crate::run`]).
 
 mod certainty;
 mod chart;
 mod deliver;
 mod fit;
 mod html;
-mod motion;
+mod kept;
+mod keys;
+pub(crate) mod motion;
 mod options;
 mod report;
 mod residual;
 mod sheet;
+mod soft;
 
 pub use certainty::PartCertainty;
 pub use fit::fit;
-pub use options::Job;
+pub use options::{Flesh, Job, Stage};
 pub use report::{ClipReport, LossCurve, Report};
 
 pub(crate) use residual::heat_map;
@@ -24,11 +27,14 @@ pub(crate) use residual::heat_map;
 use crate::camera::{self, CameraChoice};
 use crate::cues::Given;
 use crate::event::{Event, Progress, tell};
+use crate::run::{Checkpoints, Key, Run, memory, safe};
 use crate::{Against, Error, evaluate, rigging};
 use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
 use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
 use animimic_video::cues;
+use kept::Seen;
+use std::cell::OnceCell;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -43,20 +49,35 @@ pub(crate) struct Take {
     pub motion: Motion,
     /// Where the surface goes beyond the skin; `None` where it does not.
     pub trajectory: Option<Trajectory>,
+    /// The soft surface \[frame\]\[vertex\], also where it is not kept; empty where it was not asked for.
+    pub shown: Vec<Vec<glam::DVec3>>,
+    /// What the frames said of the soft surface; null where they were not asked.
+    pub softness: serde_json::Value,
     pub losses: Vec<LossCurve>,
     pub uncertain: Vec<String>,
     pub certainty: Vec<Certainty>,
+    /// Memory that finding the motion was estimated to take [bytes].
+    pub memory_bytes: u64,
 }
 
 /// The model, and what of it is drawn, solved and measured: itself, or a coarse stand-in for a dense mesh.
 #[derive(Clone, Copy)]
-struct Model<'a> {
-    asset: &'a Asset,
-    solved: &'a Asset,
+pub(crate) struct Model<'a> {
+    pub asset: &'a Asset,
+    pub solved: &'a Asset,
+    /// The skeleton was made from the shape alone.
+    pub made_rig: bool,
+}
+
+impl<'a> Model<'a> {
+    /// The model with its stand-in, if it has one.
+    pub fn new(asset: &'a Asset, stand_in: &'a Option<Asset>, made_rig: bool) -> Self {
+        Self { asset, solved: stand_in.as_ref().unwrap_or(asset), made_rig }
+    }
 }
 
 /// Triangles of the stand-in: at working size more of them are smaller than a pixel.
-const PROXY_TRIANGLES: usize = 20_000;
+pub(crate) const PROXY_TRIANGLES: usize = 20_000;
 
 /// Wall time of each stage, in order.
 #[derive(Default)]
@@ -85,96 +106,155 @@ impl Clock {
     }
 }
 
+/// All that is known before the first result is written.
+struct Work {
+    asset: Asset,
+    takes: Vec<Take>,
+    /// What all of it depends on.
+    key: Key,
+}
+
 /// Does a whole job and writes its files into `job.out`.
 ///
 /// # Errors
-/// Anything that is wrong with the inputs, before anything is written; [`Error::Cancelled`] when `progress` says stop.
+/// Anything that is wrong with the inputs, before any result is written; another run in the same folder; [`Error::Cancelled`] when
+/// `progress` says stop, with all finished stages kept for [`Job::resume`].
 pub fn animate(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
+    Ok(animated(job, progress)?.0)
+}
+
+/// The same; and whether all of it was there already.
+pub(crate) fn animated(job: &Job, progress: &mut Progress) -> Result<(Report, bool), Error> {
     let mut clock = Clock::default();
     job.check()?;
     if job.out.is_file() {
         return Err(Error::Input(format!("{}: is a file, the results need a folder", job.out.display())));
     }
-    let (asset, takes, mut report) = solve(job, &mut clock, progress)?;
-    deliver::write(job, &asset, &takes, &mut report, &mut clock, progress)?;
-    Ok(report)
+    let run = Run::begin(&job.out, job.resume)?;
+    if let Some(report) = finished(job, &run, progress)? {
+        return Ok((report, true));
+    }
+    let (work, mut report) = solve(job, &run, &mut clock, progress)?;
+    let files = deliver::write(job, &work.asset, &work.takes, &mut report, &mut clock, progress)?;
+    run.finish(&job.out, &work.key, &files)?;
+    Ok((report, false))
+}
+
+/// The report of an earlier run of the same job, if that finished and its files are as it left them.
+fn finished(job: &Job, run: &Run, progress: &mut Progress) -> Result<Option<Report>, Error> {
+    if !run.may_be_finished() {
+        return Ok(None);
+    }
+    tell(progress, Event::Stage { name: "reading" })?;
+    let mut asset = read_model(job)?;
+    let made_rig = makes_rig(job, &asset);
+    rigging::choose(&mut asset, &job.model, &job.rig)?;
+    let model = keys::model(&asset, made_rig);
+    let mut motions = Vec::new();
+    for (index, name) in job.clip_names().iter().enumerate() {
+        motions.push(keys::motion(job, name, &keys::seen(job, index, &model, &read_video(job, index)?)?));
+    }
+    if !run.is_finished(&job.out, &keys::whole(job, &motions)) {
+        return Ok(None);
+    }
+    let path = job.out.join("report.json");
+    let text = std::fs::read(&path).map_err(Error::io(&path))?;
+    Ok(serde_json::from_slice(&text).ok())
 }
 
 /// Finds the motion in every video and measures it.
-fn solve(job: &Job, clock: &mut Clock, progress: &mut Progress) -> Result<(Asset, Vec<Take>, Report), Error> {
+fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Result<(Work, Report), Error> {
     tell(progress, Event::Stage { name: "reading" })?;
     let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
+    let made_rig = makes_rig(job, &asset);
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
     let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
-    let model = Model { asset: &asset, solved: stand_in.as_ref().unwrap_or(&asset) };
+    let model = Model::new(&asset, &stand_in, made_rig);
+    // Hashed when the first video is read: bad inputs are refused before.
+    let key = OnceCell::new();
     let names = job.clip_names();
-    let mut takes = Vec::new();
+    let (mut takes, mut motions) = (Vec::new(), Vec::new());
     for (index, name) in names.into_iter().enumerate() {
-        takes.push(take(job, model, index, name, clock, progress)?);
+        let (take, key) = take(job, run, model, &key, index, name, clock, progress)?;
+        takes.push(take);
+        motions.push(key);
     }
+    let material = match job.stage {
+        Stage::Pose => serde_json::Value::Null,
+        Stage::Soft => clock.time("soft tissue", || soft::refine(job, model, &mut takes, progress))?,
+    };
     let mut clips = Vec::new();
     for take in &takes {
         tell(progress, Event::Stage { name: "measuring" })?;
         clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
-    let report = Report::new(job, &asset, rig, clips);
-    Ok((asset, takes, report))
+    let report = Report { material, ..Report::new(job, &asset, rig, clips) };
+    let key = keys::whole(job, &motions);
+    Ok((Work { asset, takes, key }, report))
+}
+
+/// Whether the job is to make a skeleton for what was read.
+fn makes_rig(job: &Job, asset: &Asset) -> bool {
+    job.rig == rigging::RigChoice::Auto && !asset.rig.is_articulated()
 }
 
 fn read_model(job: &Job) -> Result<Asset, Error> {
     Ok(io::read_with(&job.model, &io::ReadOptions { repair: job.repair })?)
 }
 
-/// Reads video number `index`, finds its cues, its camera and the motion in it.
-fn take(
-    job: &Job,
-    model: Model,
-    index: usize,
-    name: String,
-    clock: &mut Clock,
-    progress: &mut Progress,
-) -> Result<Take, Error> {
-    tell(progress, Event::Stage { name: "reading" })?;
+fn read_video(job: &Job, index: usize) -> Result<Video, Error> {
     let read = animimic_video::ReadOptions {
         working_height: Some(job.height_px),
         frames: job.frames.clone(),
         ..Default::default()
     };
-    let video = clock.time("read", || Ok(animimic_video::read(&job.videos[index], &read)?))?;
+    Ok(animimic_video::read(&job.videos[index], &read)?)
+}
+
+/// Reads video number `index`, finds its cues, its camera and the motion in it; and what that depends on.
+fn take(
+    job: &Job,
+    run: &Run,
+    model: Model,
+    key: &OnceCell<Key>,
+    index: usize,
+    name: String,
+    clock: &mut Clock,
+    progress: &mut Progress,
+) -> Result<(Take, Key), Error> {
+    tell(progress, Event::Stage { name: "reading" })?;
+    let video = clock.time("read", || read_video(job, index))?;
     for warning in &video.warnings {
         tell(progress, Event::Warning(format!("{name}: {warning}")))?;
     }
-    tell(progress, Event::Stage { name: "masks" })?;
-    let given = Given {
-        masks: job.masks.get(index).map(PathBuf::as_path),
-        tracks: job.tracks.get(index).map(PathBuf::as_path),
-        depth: job.depth.get(index).map(PathBuf::as_path),
-        depth_kind: job.depth_kind,
-    };
-    let mut found = clock.time("masks", || crate::cues::find(&video, &given))?;
-    tell(progress, Event::Stage { name: "camera" })?;
-    let camera = clock.time("camera", || choose_camera(job, model, &video, &found.cues, &found.background))?;
-    if given.masks.is_none() {
-        let rest = &model.solved.rig;
-        let rest = rest.at_rest();
-        let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
-        clock.time("masks", || crate::cues::refine_masks(&video, &silhouette, &mut found))?;
+    let memory_bytes = memory::needed(model.asset, &video);
+    if let Some(warning) = memory::check(&name, memory_bytes, video.frames.len())? {
+        tell(progress, Event::Warning(warning))?;
     }
+    let key = keys::seen(job, index, key.get_or_init(|| keys::model(model.asset, model.made_rig)), &video)?;
+    let Seen { found, camera } =
+        run.kept(&format!("{}.cues", safe(&name)), &key, || see(job, model, index, &video, clock, progress))?;
     tell(progress, Event::Stage { name: "motion" })?;
+    let key = keys::motion(job, &name, &key);
     let scene = motion::Scene {
         asset: model.solved,
+        made_rig: model.made_rig,
         camera: &camera.main,
         video: &video,
         cues: &found.cues,
         background: &found.background,
     };
-    let solved = motion::find(&scene, job.preset, &name, progress)?;
+    let mut steps = Checkpoints::new(run, &name, &key);
+    let solved = run.kept(&format!("{}.motion", safe(&name)), &key, || {
+        motion::find(&scene, job.preset, &name, &mut steps, progress)
+    })?;
+    steps.forget();
     solved.seconds.iter().for_each(|(part, secs)| clock.add(&format!("motion: {part}"), *secs));
-    Ok(Take {
+    let take = Take {
         name,
         video,
         cues: found.cues,
@@ -183,10 +263,52 @@ fn take(
         camera,
         motion: solved.motion,
         trajectory: None,
+        shown: Vec::new(),
+        softness: serde_json::Value::Null,
         losses: solved.losses,
         uncertain: solved.uncertain,
         certainty: solved.certainty,
-    })
+        memory_bytes,
+    };
+    Ok((take, key))
+}
+
+/// A video, its cues and its camera, for others than a job of its own.
+pub(crate) fn footage(job: &Job, model: Model, name: &str, progress: &mut Progress) -> Result<(Video, Seen), Error> {
+    tell(progress, Event::Stage { name: "reading" })?;
+    let video = read_video(job, 0)?;
+    for warning in &video.warnings {
+        tell(progress, Event::Warning(format!("{name}: {warning}")))?;
+    }
+    let seen = see(job, model, 0, &video, &mut Clock::default(), progress)?;
+    Ok((video, seen))
+}
+
+/// Finds the cues in a video and its camera.
+fn see(
+    job: &Job,
+    model: Model,
+    index: usize,
+    video: &Video,
+    clock: &mut Clock,
+    progress: &mut Progress,
+) -> Result<Seen, Error> {
+    tell(progress, Event::Stage { name: "masks" })?;
+    let given = Given {
+        masks: job.masks.get(index).map(PathBuf::as_path),
+        tracks: job.tracks.get(index).map(PathBuf::as_path),
+        depth: job.depth.get(index).map(PathBuf::as_path),
+        depth_kind: job.depth_kind,
+    };
+    let mut found = clock.time("masks", || crate::cues::find(video, &given))?;
+    tell(progress, Event::Stage { name: "camera" })?;
+    let camera = clock.time("camera", || choose_camera(job, model, video, &found.cues, &found.background))?;
+    if given.masks.is_none() {
+        let rest = model.solved.rig.at_rest();
+        let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
+        clock.time("masks", || crate::cues::refine_masks(video, &silhouette, &mut found))?;
+    }
+    Ok(Seen { found, camera })
 }
 
 fn choose_camera(

@@ -6,7 +6,7 @@ use crate::cues::dense_flow;
 use crate::event::{Event, Progress};
 use crate::pictures::background_picture;
 use animimic_fit::stage1::subject::Subject;
-use animimic_fit::stage1::{self, Certainty, Input, Settings};
+use animimic_fit::stage1::{self, Certainty, Input, Keeper, Settings};
 use animimic_fit::{FitError, Preset, reference};
 use animimic_scene::{Asset, Camera, Cues, Image, Motion, Tracks, Video};
 use animimic_video::cues::{self, Background};
@@ -29,6 +29,8 @@ pub struct Solved {
 pub struct Scene<'a> {
     /// The rigged model.
     pub asset: &'a Asset,
+    /// Its skeleton was made from the shape alone.
+    pub made_rig: bool,
     /// The video's camera.
     pub camera: &'a Camera,
     /// The video.
@@ -39,32 +41,47 @@ pub struct Scene<'a> {
     pub background: &'a Background,
 }
 
+impl<'a> Scene<'a> {
+    /// What stage 1 looks at, over the backgrounds \[frame\].
+    pub fn input(&self, backgrounds: &'a [Image]) -> Input<'a> {
+        Input {
+            asset: self.asset,
+            camera: self.camera,
+            frames: &self.video.frames,
+            masks: &self.cues.masks,
+            backgrounds,
+            flow: &dense_flow,
+            tracks: Some(&self.cues.tracks).filter(|t| !t.query_frame.is_empty()),
+            depth: &self.cues.depth,
+            depth_kind: self.cues.depth_kind,
+        }
+    }
+}
+
 /// Frames that look this unlike the video (mean colour difference over the object, with a penalty where only one of both
 /// shows it) are reported.
 const UNLIKE: f64 = 0.08;
 
-/// Finds the motion in a video.
-pub fn find(scene: &Scene, preset: Preset, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
+/// Finds the motion in a video; `keeper` keeps the steps of the default way.
+pub fn find(
+    scene: &Scene,
+    preset: Preset,
+    name: &str,
+    keeper: &mut dyn Keeper,
+    progress: &mut Progress,
+) -> Result<Solved, Error> {
     let frames = &scene.video.frames;
     let backgrounds: Vec<Image> =
         (0..frames.len()).into_par_iter().map(|t| background_picture(scene.background, &frames[t], t)).collect();
-    let given = Some(&scene.cues.tracks).filter(|t| !t.query_frame.is_empty());
-    let input = Input {
-        asset: scene.asset,
-        camera: scene.camera,
-        frames,
-        masks: &scene.cues.masks,
-        backgrounds: &backgrounds,
-        flow: &dense_flow,
-        tracks: given,
-        depth: &scene.cues.depth,
-        depth_kind: scene.cues.depth_kind,
-    };
+    let input = scene.input(&backgrounds);
     match preset {
-        Preset::Default => by_default(&input, scene.video.fps, name, progress),
+        Preset::Default => {
+            let settings = if scene.made_rig { Settings::default().for_made_rig() } else { Settings::default() };
+            by_default(&input, settings, scene.video.fps, name, keeper, progress)
+        }
         Preset::Reference => {
             let tracks = own_tracks(scene);
-            by_reference(&Input { tracks: given.or(Some(&tracks)), ..input }, scene.video.fps, name, progress)
+            by_reference(&Input { tracks: input.tracks.or(Some(&tracks)), ..input }, scene.video.fps, name, progress)
         }
     }
 }
@@ -100,17 +117,28 @@ impl Stopwatch {
     }
 }
 
-fn by_default(input: &Input, fps: f64, name: &str, progress: &mut Progress) -> Result<Solved, Error> {
+fn by_default(
+    input: &Input,
+    settings: Settings,
+    fps: f64,
+    name: &str,
+    keeper: &mut dyn Keeper,
+    progress: &mut Progress,
+) -> Result<Solved, Error> {
     let mut watch = Stopwatch::new(stage1::Phase::Track.name());
     let mut step = |phase: stage1::Phase, done: f64| -> ControlFlow<()> {
         watch.enter(phase.name());
         progress(Event::Step { done, loss: None })
     };
-    let outcome = stage1::fit(input, Settings::default(), name, fps, &mut step)?;
+    let outcome = stage1::fit(input, settings, name, fps, keeper, &mut step)?;
     let unlike = outcome.mismatch.iter().filter(|m| **m > UNLIKE).count();
     let mut uncertain = Vec::new();
     if unlike > 0 {
         uncertain.push(format!("motion: {unlike} of {} frames do not look like the video", input.frames.len()));
+    }
+    if outcome.not_finite > 0 {
+        let count = outcome.not_finite;
+        uncertain.push(format!("motion: the energy was not a number {count} times; the best before each was kept"));
     }
     let mut losses = vec![LossCurve::new("joint solve of all frames", outcome.energies)];
     losses.extend(outcome.curves.into_iter().map(|c| LossCurve::new(&format!("polish: {}", c.name), c.values)));

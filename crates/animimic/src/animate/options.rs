@@ -5,6 +5,7 @@ use crate::rigging::RigChoice;
 use crate::{Error, Physics};
 use animimic_fit::Preset;
 use animimic_scene::DepthKind;
+use animimic_sim::tet::DEFAULT_TETS;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -37,12 +38,76 @@ pub struct Job {
     pub depth_kind: Option<DepthKind>,
     /// How the motion is found.
     pub preset: Preset,
+    /// How far to go.
+    pub stage: Stage,
+    /// How soft tissue is made.
+    pub flesh: Flesh,
     /// How motion that goes beyond the skeleton is delivered.
     pub physics: Physics,
     /// Mend what is broken in small ways (indices and joints out of range, values that are not finite) instead of refusing.
     pub repair: bool,
     /// Seed of everything random.
     pub seed: u64,
+    /// Whether what an earlier run kept in `out` is taken where it fits.
+    pub resume: bool,
+}
+
+/// How far `animate` goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stage {
+    /// The skeleton's motion alone.
+    Pose,
+    /// And soft tissue on it.
+    #[default]
+    Soft,
+}
+
+impl Stage {
+    /// All stages, in order.
+    pub const ALL: [Stage; 2] = [Stage::Pose, Stage::Soft];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Pose => "pose",
+            Stage::Soft => "soft",
+        }
+    }
+}
+
+impl std::fmt::Display for Stage {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl std::str::FromStr for Stage {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|s| s.name() == text);
+        found.ok_or_else(|| format!("no stage named {text}: there are pose and soft"))
+    }
+}
+
+/// How soft tissue is made where its material is learnt.
+#[derive(Clone, Debug)]
+pub struct Flesh {
+    /// About how many tets.
+    pub tets: usize,
+    /// Length of the rest diagonal [m].
+    pub size_m: f64,
+    /// Young's modulus that flesh is taken to have before the video speaks [Pa].
+    pub young: f64,
+    /// Names of joints that do not hold what hangs on them, beside those that the video shows to be loose.
+    pub loose: Vec<String>,
+}
+
+impl Default for Flesh {
+    /// 3 000 tets, 1 m, flesh.
+    fn default() -> Self {
+        Self { tets: DEFAULT_TETS, size_m: 1.0, young: crate::soften::PRESETS[0].1, loose: Vec::new() }
+    }
 }
 
 /// Lowest and highest working height [px].
@@ -65,10 +130,30 @@ impl Job {
             depth: Vec::new(),
             depth_kind: None,
             preset: Preset::Default,
+            stage: Stage::default(),
+            flesh: Flesh::default(),
             physics: Physics::default(),
             repair: false,
             seed: 0,
+            resume: false,
         }
+    }
+
+    /// All options in words, but for where files lie and whether the run is resumed.
+    pub(super) fn words(&self) -> String {
+        let name = |p: &PathBuf| p.file_name().map(PathBuf::from).unwrap_or_default();
+        let names = |paths: &[PathBuf]| paths.iter().map(name).collect();
+        let plain = Self {
+            model: name(&self.model),
+            videos: names(&self.videos),
+            masks: names(&self.masks),
+            tracks: names(&self.tracks),
+            depth: names(&self.depth),
+            out: PathBuf::new(),
+            resume: false,
+            ..self.clone()
+        };
+        format!("{plain:?}")
     }
 
     /// Refuses what cannot make sense before any file is read.

@@ -1,13 +1,13 @@
 //! What a run says about itself: `report.json`.
 
-use super::{Job, PartCertainty, Take, certainty};
+use super::{Job, PartCertainty, Stage, Take, certainty};
 use crate::{Evaluation, Physics};
 use animimic_scene::{Asset, Mask, Skeleton};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// Everything that a run found, fit for machines.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Report {
     /// Program and version.
     pub program: String,
@@ -21,6 +21,8 @@ pub struct Report {
     pub size: Value,
     /// One entry per video.
     pub clips: Vec<ClipReport>,
+    /// What was learnt of the flesh, by group of joints; null where soft tissue was not asked for.
+    pub material: Value,
     /// How motion beyond the skeleton was delivered, and what that lost.
     pub physics: Value,
     /// What the readers had to mend or ignore.
@@ -30,7 +32,7 @@ pub struct Report {
 }
 
 /// One clip.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClipReport {
     /// Clip name in the GLB.
     pub name: String,
@@ -42,12 +44,16 @@ pub struct ClipReport {
     pub size_px: [usize; 2],
     /// Size of the video in its file [px].
     pub native_size_px: [usize; 2],
+    /// Peak memory that finding the motion was estimated to take [MiB].
+    pub memory_estimate_mib: u64,
     /// Statistics of the cues.
     pub cues: Value,
     /// Loss over iterations, by stage of the solver.
     pub losses: Vec<LossCurve>,
-    /// Numbers of the metrics.
+    /// Numbers of the metrics, of the skinned clip.
     pub metrics: Value,
+    /// What became of the soft tissue, and why; null where it was not asked for.
+    pub softness: Value,
     /// What the video left open, one sentence each.
     pub uncertain: Vec<String>,
     /// How well each part that moves surface is known; empty where that was not estimated.
@@ -55,7 +61,7 @@ pub struct ClipReport {
 }
 
 /// The loss during one stage of the solver.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LossCurve {
     /// Stage.
     pub stage: String,
@@ -81,6 +87,12 @@ impl Report {
             "preset": job.preset.name(),
             "frames": job.frames.as_ref().map(|f| [f.start, f.end]),
         });
+        options["stage"] = job.stage.name().into();
+        if job.stage == Stage::Soft {
+            let f = &job.flesh;
+            options["flesh"] =
+                serde_json::json!({"tets": f.tets, "size_m": f.size_m, "young": f.young, "loose": f.loose});
+        }
         if job.physics != Physics::default() {
             options["physics"] = job.physics.name().into();
         }
@@ -97,6 +109,7 @@ impl Report {
             rig,
             size,
             clips,
+            material: Value::Null,
             physics: Value::Null,
             warnings: asset.warnings.clone(),
             timings: Value::Null,
@@ -117,9 +130,11 @@ impl ClipReport {
             fps: take.motion.fps,
             size_px: [frame.width, frame.height],
             native_size_px: [take.video.native_size.0, take.video.native_size.1],
+            memory_estimate_mib: take.memory_bytes >> 20,
             cues: cue_statistics(take),
             losses: take.losses.clone(),
             metrics: evaluation.to_json(),
+            softness: take.softness.clone(),
             uncertain,
             certainty,
         }

@@ -41,14 +41,24 @@ impl<'a> Stage<'a> {
         self.take.video.frames.len().min(self.take.motion.poses.len())
     }
 
-    /// Video, result and both side views of frame `t`, side by side, labelled.
+    /// Video, result and both side views of frame `t`, side by side, labelled; where soft tissue was asked for, the skinned
+    /// surface stands beside the soft one, also where the frames did not speak for it.
     pub fn views(&self, t: usize) -> Image {
         let video = &self.take.video.frames[t];
-        let x = posed(self.asset, &self.take.motion.poses[t]);
-        let draw = |camera: &Camera| self.studio.draw(camera, &x, self.background).0;
-        let panels = [video.clone(), draw(&self.take.camera.main), draw(&self.sides[0]), draw(&self.sides[1])];
-        let mut out = Image::filled(4 * video.width, video.height, self.background);
-        for (k, (panel, label)) in panels.iter().zip(["video", "result", "-45", "+45"]).enumerate() {
+        let result = self.surface(t);
+        let main = &self.take.camera.main;
+        let draw = |camera: &Camera, x: &[DVec3]| self.studio.draw(camera, x, self.background).0;
+        let mut panels = vec![("video", video.clone())];
+        if let Some(soft) = self.take.shown.get(t) {
+            let skinned = posed(self.asset, &self.take.motion.poses[t]);
+            let label = if self.take.trajectory.is_some() { "soft" } else { "soft (not kept)" };
+            panels.extend([("skinning", draw(main, &skinned)), (label, draw(main, soft))]);
+        } else {
+            panels.push(("result", draw(main, &result)));
+        }
+        panels.extend([("-45", draw(&self.sides[0], &result)), ("+45", draw(&self.sides[1], &result))]);
+        let mut out = Image::filled(panels.len() * video.width, video.height, self.background);
+        for (k, (label, panel)) in panels.iter().enumerate() {
             overlay::paste(&mut out, panel, k * video.width, 0);
             overlay::text(&mut out, k * video.width + 8, 8, label, 1, INK);
         }
@@ -59,7 +69,7 @@ impl<'a> Stage<'a> {
     pub fn residuals(&self, t: usize) -> Image {
         let video = &self.take.video.frames[t];
         let behind = background_picture(&self.take.background, video, t);
-        let x = posed(self.asset, &self.take.motion.poses[t]);
+        let x = self.surface(t);
         let (drawn, coverage) = self.studio.draw_over(&self.take.camera.main, &x, &behind);
         heat_map(video, &self.take.cues.masks[t], &drawn, &coverage)
     }
@@ -73,7 +83,7 @@ impl<'a> Stage<'a> {
         for column in 0..COLUMNS {
             let t = column * (frames - 1) / (COLUMNS - 1);
             let pose = &self.take.motion.poses[t];
-            let x = posed(self.asset, pose);
+            let x = self.surface(t);
             let (result, coverage) = self.studio.draw(&self.take.camera.main, &x, self.background);
             let mut traced = self.take.video.frames[t].clone();
             overlay::contour(&mut traced, &coverage, OUTLINE);
@@ -91,6 +101,12 @@ impl<'a> Stage<'a> {
             );
         }
         out
+    }
+
+    /// The surface that was found: the soft one where there is one.
+    fn surface(&self, t: usize) -> Vec<DVec3> {
+        let soft = self.take.trajectory.as_ref().map(|s| s.frames[t].clone());
+        soft.unwrap_or_else(|| posed(self.asset, &self.take.motion.poses[t]))
     }
 
     /// Lines from joints to their parents.

@@ -2,7 +2,8 @@
 
 use super::plain_studio;
 use crate::Error;
-use crate::event::{Event, Progress, tell};
+use crate::event::Progress;
+use crate::film::film;
 use crate::pictures::Studio;
 use crate::turntable::overlays::{colored_by_weights, draw_bones};
 use animimic_render::{Light, overlay};
@@ -104,18 +105,9 @@ pub fn turntable(asset: &Asset, path: &Path, progress: &mut Progress) -> Result<
     let sheet = Sheet::new(asset)?;
     let joints = sheet.rest();
     let frames = (TURN_SECS * FPS) as usize;
-    let mut stop = Ok(());
-    let mut drawn = (0..frames).map_while(|t| {
-        let done = t as f64 / frames as f64;
-        stop = tell(progress, Event::Step { done, loss: None });
-        let turn = std::f64::consts::TAU * done;
-        stop.is_ok().then(|| sheet.view(turn, ELEVATION_RAD, &asset.mesh.positions, &joints))
-    });
-    let written = animimic_video::write_mp4(path, &mut drawn, FPS);
-    if stop.is_err() {
-        // It may not have been written at all.
-        let _ = std::fs::remove_file(path);
-    }
-    stop?;
-    Ok(written?)
+    let draw = |t: usize| {
+        let turn = std::f64::consts::TAU * t as f64 / frames as f64;
+        sheet.view(turn, ELEVATION_RAD, &asset.mesh.positions, &joints)
+    };
+    film(path, (frames, FPS), (0.0, 1.0), draw, progress)
 }

@@ -1,8 +1,10 @@
 //! Writes the files of a softened clip.
 
-use super::{Soften, Softened};
+use super::Soften;
+use super::body::Softened;
 use crate::Error;
-use crate::event::{Event, Progress, tell};
+use crate::event::Progress;
+use crate::film::film;
 use crate::physics::{Delivery, deliver};
 use crate::pictures::Studio;
 use animimic_render::overlay;
@@ -20,11 +22,18 @@ const ELEVATION: f64 = 0.2;
 const FIELD_OF_VIEW: f64 = 0.6;
 const ROOM: f64 = 1.05;
 
-/// Writes all files; returns the report.
-pub fn write(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progress) -> Result<Value, Error> {
+/// Writes all files; returns the report, with what was learnt from a video.
+pub fn write(
+    job: &Soften,
+    asset: &Asset,
+    softened: &Softened,
+    learnt: Value,
+    progress: &mut Progress,
+) -> Result<Value, Error> {
     std::fs::create_dir_all(&job.out).map_err(Error::io(&job.out))?;
     let glb = job.out.join("softened.glb");
-    let report = report(job, asset, softened);
+    let mut report = report(job, asset, softened);
+    learnt.as_object().into_iter().flatten().for_each(|(k, v)| report[k] = v.clone());
     let options = ExportOptions { extras: report.clone(), ..Default::default() };
     let clips = [softened.refined()];
     let delivered = deliver(job.physics, &Delivery { asset, clips: &clips, glb: &glb, options })?;
@@ -38,23 +47,16 @@ pub fn write(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Pr
 }
 
 fn report(job: &Soften, asset: &Asset, softened: &Softened) -> Value {
-    let (r, y) = (&softened.simulation, &softened.yielded);
-    let diagonal = asset.mesh.diagonal();
-    let pairs = softened.skinned.iter().flatten().zip(softened.soft.iter().flatten());
-    let (sum, count) = pairs.fold((0.0, 0usize), |(s, n), (a, b)| (s + a.distance_squared(*b), n + 1));
     let names: Vec<String> =
         job.softness.iter().map(|s| format!("{}={:e}", s.material.as_deref().unwrap_or("all"), s.young)).collect();
-    json!({
+    let mut report = json!({
         "program": concat!("animimic ", env!("CARGO_PKG_VERSION")),
         "clip": softened.motion.name, "frames": softened.motion.poses.len(), "fps": softened.motion.fps,
         "young": names, "size_m": job.size_m, "loose": job.loose, "damping": job.damping,
-        "tets": softened.tets, "steps_per_frame": r.substeps, "newton_iterations": r.newton,
-        "inverted_tets": r.inverted, "volume_change": r.volume_change,
-        "missed_steps": r.unconverged.iter().map(|(frame, speed)| json!({"frame": frame, "speed_m_per_s": speed})).collect::<Vec<_>>(),
-        "from_skinning_rms_percent": 100.0 * (sum / count.max(1) as f64).sqrt() / diagonal,
-        "self_intersections_skinned": y.skinned_pairs, "self_intersections_before": y.soft_pairs,
-        "self_intersections": y.pairs, "yielded_share": y.share,
-    })
+    });
+    let own = softened.to_json(asset.mesh.diagonal());
+    own.as_object().into_iter().flatten().for_each(|(k, v)| report[k] = v.clone());
+    report
 }
 
 /// Skinning and soft tissue side by side.
@@ -72,19 +74,7 @@ fn views(job: &Soften, asset: &Asset, softened: &Softened, progress: &mut Progre
         }
         out
     };
-    let path = job.out.join("views.mp4");
-    let mut stop = Ok(());
-    let mut drawn = (0..frames).map_while(|t| {
-        stop = tell(progress, Event::Step { done: t as f64 / frames as f64, loss: None });
-        stop.is_ok().then(|| draw(t))
-    });
-    let written = animimic_video::write_mp4(&path, &mut drawn, softened.motion.fps);
-    if stop.is_err() {
-        // It may not have been written at all.
-        let _ = std::fs::remove_file(&path);
-    }
-    stop?;
-    Ok(written?)
+    film(&job.out.join("views.mp4"), (frames, softened.motion.fps), (0.0, 1.0), draw, progress)
 }
 
 /// A square view that sees the whole clip.

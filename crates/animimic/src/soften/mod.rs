@@ -1,23 +1,27 @@
-//! Soft tissue for an animation that is there already: no video, stiffness chosen by hand.
+//! Soft tissue for an animation that is there already: stiffness chosen by hand, or learnt from a video of the clip.
 //!
 //! read → cage → simulate → give way → export → pictures → report. Everything is computed before the first file is written.
 
+pub(crate) mod body;
 mod deliver;
+pub(crate) mod filmed;
 pub mod softness;
 pub mod yielding;
 
-pub use softness::{PRESETS, Softness};
+pub use softness::{PRESETS, Softness, young};
 
+use crate::animate::motion::Scene;
+use crate::animate::{Job, Model, PROXY_TRIANGLES, footage};
+use crate::camera::CameraChoice;
 use crate::event::{Event, Progress, tell};
 use crate::{Error, Physics};
-use animimic_fit::soft::{Report as Simulation, Settings, Stepping, Tissue};
-use animimic_scene::{Asset, Motion, Refined, Trajectory, io};
+use animimic_fit::soft::{Settings, Stepping, Tissue};
+use animimic_scene::io::gltf::Clip;
+use animimic_scene::{Asset, Motion, io};
 use animimic_sim::tet::DEFAULT_TETS;
-use glam::DVec3;
-use rayon::prelude::*;
-use std::path::PathBuf;
-use std::time::Instant;
-use yielding::{Yielded, give_way};
+use body::Softened;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
 
 /// A model with a clip, and how soft it shall be.
 #[derive(Clone, Debug)]
@@ -26,6 +30,10 @@ pub struct Soften {
     pub model: PathBuf,
     /// Folder for the results; made if absent.
     pub out: PathBuf,
+    /// A video that shows the clip: the stiffness is then learnt from it.
+    pub video: Option<PathBuf>,
+    /// Its camera.
+    pub camera: CameraChoice,
     /// Name of the clip; the first where absent.
     pub clip: Option<String>,
     /// Stiffness, for all or by material; later entries count more.
@@ -54,6 +62,8 @@ impl Soften {
         Self {
             model: model.into(),
             out: out.into(),
+            video: None,
+            camera: CameraChoice::Auto,
             clip: None,
             softness: Vec::new(),
             tets: DEFAULT_TETS,
@@ -81,26 +91,6 @@ impl Soften {
     }
 }
 
-/// A clip with soft tissue.
-pub(crate) struct Softened {
-    pub motion: Motion,
-    /// Surfaces \[frame\]\[vertex\].
-    pub skinned: Vec<Vec<DVec3>>,
-    pub soft: Vec<Vec<DVec3>>,
-    pub simulation: Simulation,
-    pub yielded: Yielded,
-    pub tets: usize,
-    /// Wall time of the forward simulation [s].
-    pub simulated_s: f64,
-}
-
-impl Softened {
-    fn refined(&self) -> Refined {
-        let trajectory = Trajectory { fps: self.motion.fps, frames: self.soft.clone() };
-        Refined { motion: self.motion.clone(), trajectory: Some(trajectory) }
-    }
-}
-
 /// Gives a clip of an animated model soft tissue; writes `softened.glb`, `views.mp4` (skinning and soft side by side) and
 /// `report.json` into the folder `job.out`, and returns the report.
 ///
@@ -113,38 +103,74 @@ pub fn soften(job: &Soften, progress: &mut Progress) -> Result<serde_json::Value
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
-    let motion = crate::measure::clip(&asset, &job.model, job.clip.as_deref())?.motion(&asset.rig.skeleton, job.fps)?;
-    let softened = simulate(job, &asset, motion, progress)?;
+    let clip = crate::measure::clip(&asset, &job.model, job.clip.as_deref())?;
+    let (softened, material) = match &job.video {
+        Some(video) => learnt(job, &asset, &clip, video, progress)?,
+        None => (simulate(job, &asset, clip.motion(&asset.rig.skeleton, job.fps)?, progress)?, Value::Null),
+    };
     tell(progress, Event::Stage { name: "writing" })?;
-    deliver::write(job, &asset, &softened, progress)
+    deliver::write(job, &asset, &softened, material, progress)
+}
+
+/// Soft tissue of a stiffness that is learnt from a video of the clip.
+fn learnt(
+    job: &Soften,
+    asset: &Asset,
+    clip: &Clip,
+    video: &Path,
+    progress: &mut Progress,
+) -> Result<(Softened, Value), Error> {
+    let stand_in = animimic_rig::proxy(asset, PROXY_TRIANGLES);
+    let model = Model::new(asset, &stand_in, false);
+    let filming = Job { camera: job.camera.clone(), ..Job::new(&job.model, vec![video.to_owned()], &job.out) };
+    let (mut film, mut seen) = footage(&filming, model, &clip.name, progress)?;
+    let mut motion = clip.motion(&asset.rig.skeleton, film.fps)?;
+    let frames = motion.poses.len().min(film.frames.len());
+    if frames < 2 {
+        return Err(Error::Input(format!(
+            "{}: the clip and the video have {frames} frames in common",
+            video.display()
+        )));
+    }
+    motion.poses.truncate(frames);
+    film.frames.truncate(frames);
+    seen.found.cues.masks.truncate(frames);
+    let scene = Scene {
+        asset: model.solved,
+        made_rig: false,
+        camera: &seen.camera.main,
+        video: &film,
+        cues: &seen.found.cues,
+        background: &seen.found.background,
+    };
+    let stiffness = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
+    let ask = filmed::Ask { settings: settings(job, asset)?, young: stiffness };
+    let takes = [filmed::Filmed { scene, motion: &motion }];
+    let mut outcome = filmed::refine(asset, model.solved, &takes, &ask, progress)?;
+    let softened = outcome.clips.pop().expect("one clip went in");
+    let mut report = outcome.reports.pop().expect("one clip went in");
+    report["material"] = outcome.material;
+    Ok((softened, report))
+}
+
+fn settings(job: &Soften, asset: &Asset) -> Result<Settings, Error> {
+    Ok(Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)?, ..Settings::default() })
 }
 
 fn simulate(job: &Soften, asset: &Asset, motion: Motion, progress: &mut Progress) -> Result<Softened, Error> {
     tell(progress, Event::Stage { name: "tetrahedra" })?;
-    let settings = Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)? };
-    let tissue = Tissue::new(asset, &settings)?;
+    let tissue = Tissue::new(asset, &settings(job, asset)?)?;
     let elasticity = softness::elasticity(asset, &tissue, &job.softness)?;
     tell(progress, Event::Stage { name: "simulating" })?;
-    let clock = Instant::now();
     let stepping = Stepping { mass_damping: job.damping, ..Stepping::default() };
-    let simulated = tissue.simulate(&elasticity, &stepping, &motion.poses, motion.fps)?;
-    let simulated_s = clock.elapsed().as_secs_f64();
-    let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
-    let pairs: Vec<(Vec<DVec3>, Vec<DVec3>)> = (motion.poses.par_iter().zip(cages))
-        .map(|(pose, cage)| {
-            let world = tissue.world(pose);
-            (asset.rig.skinned(&world), tissue.surface(cage, &world))
-        })
-        .collect();
-    let (skinned, mut soft): (Vec<_>, Vec<_>) = pairs.into_iter().unzip();
+    let mut softened = body::soften(&tissue, &elasticity, &stepping, &motion)?;
     tell(progress, Event::Stage { name: "self-intersections" })?;
-    let yielded = give_way(&asset.mesh, &skinned, &mut soft);
-    let (simulation, tets) = (simulated.report, tissue.body.tets.len());
-    Ok(Softened { motion, skinned, soft, simulation, yielded, tets, simulated_s })
+    softened.uncross(&tissue);
+    Ok(softened)
 }
 
 /// Joints by name.
-fn joints(asset: &Asset, names: &[String]) -> Result<Vec<usize>, Error> {
+pub(crate) fn joints(asset: &Asset, names: &[String]) -> Result<Vec<usize>, Error> {
     let all = &asset.rig.skeleton.joints;
     let find = |name: &String| {
         all.iter().position(|j| j.name == *name).ok_or_else(|| {

@@ -38,13 +38,20 @@ impl std::str::FromStr for Softness {
             Some((material, value)) => (Some(material.to_owned()), value),
             None => (None, text),
         };
-        let preset = PRESETS.iter().find(|p| p.0 == value).map(|p| p.1);
-        let young = preset.or_else(|| value.parse().ok()).filter(|y| RANGE.contains(y)).ok_or_else(|| {
-            let names: Vec<&str> = PRESETS.iter().map(|p| p.0).collect();
-            format!("{value} is neither {} nor a number of pascals from 1e2 to 1e9", names.join(", "))
-        })?;
-        Ok(Self { material, young })
+        Ok(Self { material, young: young(value)? })
     }
+}
+
+/// Young's modulus [Pa] of a number of pascals or a preset's name.
+///
+/// # Errors
+/// Neither, or out of range.
+pub fn young(text: &str) -> Result<f64, String> {
+    let preset = PRESETS.iter().find(|p| p.0 == text).map(|p| p.1);
+    preset.or_else(|| text.parse().ok()).filter(|y| RANGE.contains(y)).ok_or_else(|| {
+        let names: Vec<&str> = PRESETS.iter().map(|p| p.0).collect();
+        format!("{text} is neither {} nor a number of pascals from 1e2 to 1e9", names.join(", "))
+    })
 }
 
 /// The material of a model's tets: of every tet that of the surface in it, or next to it.

@@ -95,7 +95,7 @@ impl<'a> Loss<'a> {
         let targets = (0..input.frames.len())
             .map(|t| {
                 let mut found = Correspondences::default();
-                given.add_tracks(t, &mut found);
+                given.add_tracks(subject, t, &mut found);
                 given.add_depth(input.camera, t, &mut found);
                 found.depth.retain(|d| d.weight > SURE);
                 found

@@ -95,21 +95,49 @@ impl Model<'_> {
     ) -> Value {
         let posed = self.kinematics.pose(pose);
         let positions: Vec<DVec3> = self.vertices.iter().map(|a| a.position(&posed)).collect();
+        let view = View { surface: self.surface, camera: self.camera };
+        let (values, forces) = view.evaluate(losses, seen, light, &positions, gradient);
+        let gradient = if gradient { pose_vjp(self.kinematics, &posed, self.vertices, &forces) } else { Vec::new() };
+        Value { losses: values, gradient }
+    }
+}
+
+/// A surface and who looks at it.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// The surface.
+    pub surface: &'a Surface,
+    /// The camera.
+    pub camera: &'a Camera,
+}
+
+impl View<'_> {
+    /// Draws the surface at some positions and compares it with a frame: the losses, unweighted, and
+    /// ∂(Σ weight · loss)/∂(positions), empty if not asked for.
+    ///
+    /// # Panics
+    /// When the frame does not have the camera's size.
+    pub fn evaluate(
+        &self,
+        losses: &[Weighted],
+        seen: &Observed,
+        light: &Light,
+        positions: &[DVec3],
+        gradient: bool,
+    ) -> (Vec<f64>, Vec<DVec3>) {
         let mut drawn = Rendered::default();
-        render_into(self.camera, self.surface, &positions, light, [0.0; 3], &mut drawn);
+        render_into(self.camera, self.surface, positions, light, [0.0; 3], &mut drawn);
         let window = Window::around(&drawn.raster, seen);
         seen.fill_background(&mut drawn, window);
         if !gradient {
-            let values = losses.iter().map(|l| l.loss.value(&drawn, seen, window, None)).collect();
-            return Value { losses: values, gradient: Vec::new() };
+            return (losses.iter().map(|l| l.loss.value(&drawn, seen, window, None)).collect(), Vec::new());
         }
         let pixels = drawn.rgb.len();
         let mut adjoint = Adjoint { rgb: vec![[0.0; 3]; pixels], mask: vec![0.0; pixels] };
         let values =
             losses.iter().map(|l| l.loss.value(&drawn, seen, window, Some((&mut adjoint, l.weight)))).collect();
         let d = Cotangents { rgb: &adjoint.rgb, mask: &adjoint.mask, depth: &[] };
-        let forces = render_vjp(self.camera, self.surface, &positions, light, &drawn, &d, false).positions;
-        Value { losses: values, gradient: pose_vjp(self.kinematics, &posed, self.vertices, &forces) }
+        (values, render_vjp(self.camera, self.surface, positions, light, &drawn, &d, false).positions)
     }
 }
 

@@ -53,7 +53,7 @@ impl Bone {
 
 /// The bones of every joint that carries something.
 pub fn bones(rig: &Rig, rest: &[DVec3], mesh: &Mesh, weights: &CageWeights) -> Vec<Bone> {
-    let live = live(rig, weights);
+    let live = live(rig, &weights.joints);
     let flesh: Vec<Vec<usize>> = flesh(rig, weights);
     let mut bones = Vec::new();
     for (column, &joint) in weights.joints.iter().enumerate() {
@@ -81,10 +81,10 @@ pub fn bones(rig: &Rig, rest: &[DVec3], mesh: &Mesh, weights: &CageWeights) -> V
 }
 
 /// Joints that carry weight themselves or through one below.
-fn live(rig: &Rig, weights: &CageWeights) -> Vec<bool> {
+pub(super) fn live(rig: &Rig, carrying: &[usize]) -> Vec<bool> {
     let joints = &rig.skeleton.joints;
     let mut live = vec![false; joints.len()];
-    weights.joints.iter().for_each(|&j| live[j] = true);
+    carrying.iter().for_each(|&j| live[j] = true);
     for j in (0..joints.len()).rev() {
         if let (true, Some(p)) = (live[j], joints[j].parent) {
             live[p] = true;

@@ -21,6 +21,8 @@ const FREE_ENDS: [f64; 2] = [0.75, 0.35];
 const WIDE: f64 = 1.0;
 /// Least weight of the joint where it holds.
 const OWN: f64 = 0.5;
+/// Least share of loose joints in what counts as the root of loose flesh.
+const SEAM: f64 = 0.05;
 /// Components with less than this share of the body's volume, all of them one joint's, are hard: eyes, buttons, teeth.
 const SMALL: f64 = 0.02;
 /// Least weight of the joint everywhere in such a component.
@@ -119,10 +121,21 @@ fn at_least_one_each(choice: &Choice, holds: &mut Vec<Hold>) {
 }
 
 /// A hold at a vertex of the cage.
-fn at_vertex(mesh: &TetMesh, joint: usize, v: u32) -> Option<Hold> {
+pub(super) fn at_vertex(mesh: &TetMesh, joint: usize, v: u32) -> Option<Hold> {
     let tet = mesh.tets.iter().position(|t| t.contains(&v))?;
     let barycentric = mesh.tets[tet].map(|k| f64::from(u8::from(k == v)));
     Some(Hold { joint: joint as u32, tet: tet as u32, barycentric, point: mesh.positions[v as usize] })
+}
+
+/// Vertices at the roots of loose flesh: those that belong to loose joints by some share, but less than half. They follow the skin,
+/// so that what the first loose joint does where it meets the body carries over into what hangs on it.
+pub fn seams(choice: &Choice, driver: &[u32]) -> Vec<u32> {
+    let share = |v: usize| -> f64 {
+        let row = choice.weights.rows[v].iter().zip(choice.loose);
+        row.filter(|(_, loose)| **loose).map(|(w, _)| w).sum()
+    };
+    let root = |v: &u32| driver[*v as usize] == FREE && (SEAM..OWN).contains(&share(*v as usize));
+    (0..choice.mesh.positions.len() as u32).filter(root).collect()
 }
 
 /// Leaves to every tet the holds of one joint: the one whose it is most.

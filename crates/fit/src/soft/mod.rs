@@ -9,8 +9,14 @@
 pub mod bones;
 pub mod clusters;
 pub mod estimate;
+pub mod evidence;
+pub mod fixtures;
 pub mod holds;
+pub mod learn;
+pub mod loosen;
 pub mod motion;
+mod normal;
+pub mod seen;
 pub mod surface;
 pub mod weights;
 
@@ -38,11 +44,13 @@ pub struct Settings {
     pub size_m: f64,
     /// Skeleton joints that do not drive: what hangs on them follows by inertia and elasticity.
     pub loose: Vec<usize>,
+    /// Whether the roots of loose flesh follow the skin.
+    pub held_roots: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { tets: DEFAULT_TETS, size_m: 1.0, loose: Vec::new() }
+        Self { tets: DEFAULT_TETS, size_m: 1.0, loose: Vec::new(), held_roots: true }
     }
 }
 
@@ -58,6 +66,8 @@ pub struct Tissue<'a> {
     pub weights: CageWeights,
     /// Points of the flesh that joints hold.
     pub holds: Vec<Hold>,
+    /// Vertices of the cage at the roots of loose flesh, which follow the skin ([`holds::seams`]).
+    pub seams: Vec<u32>,
     /// The joint that drives each cage vertex, as an index into the weights' joints, or [`FREE`].
     pub driver: Vec<u32>,
     /// The body in metres.
@@ -104,43 +114,58 @@ impl<'a> Tissue<'a> {
         let choice =
             Choice { mesh: &cage.mesh, spacing: cage.spacing, weights: &weights, bones: &bones, loose: &loose };
         let (holds, driver) = holds::holds(&choice);
+        let seams = if settings.held_roots { holds::seams(&choice, &driver) } else { Vec::new() };
         let positions = cage.mesh.positions.iter().map(|x| *x * scale).collect();
         let mesh = TetMesh { positions, tets: cage.mesh.tets.clone() };
         let driven: Vec<u32> = (0..driver.len() as u32).filter(|&v| driver[v as usize] != FREE).collect();
         let stiffness = HOLD * cage.spacing * scale;
         let tether = |h: &Hold| Tether { tet: h.tet, barycentric: h.barycentric, stiffness };
-        let body = Body::new(&mesh, &driven)?.tethered(holds.iter().map(tether).collect())?;
+        let seam = |&v: &u32| holds::at_vertex(&cage.mesh, 0, v).map(|h| tether(&h));
+        let tethers = holds.iter().map(tether).chain(seams.iter().filter_map(seam)).collect();
+        let body = Body::new(&mesh, &driven)?.tethered(tethers)?;
         let holding: Vec<bool> = (0..weights.joints.len() as u32)
             .map(|c| loose[c as usize] || driver.contains(&c) || holds.iter().any(|h| h.joint == c))
             .collect();
-        let skinning = Skinning::new(rig, &cage, &weights, &driver, &holding);
+        let mut skinned: Vec<bool> = driver.iter().map(|d| *d != FREE).collect();
+        seams.iter().for_each(|&v| skinned[v as usize] = true);
+        let skinning = Skinning::new(rig, &cage, &weights, &skinned, &holding);
         let joint_from_rest = rest_world.iter().map(|g| g.inverse()).collect();
-        Ok(Self { asset, cage, scale, weights, holds, driver, body, bones, skinning, carrier, joint_from_rest })
+        Ok(Self { asset, cage, scale, weights, holds, seams, driver, body, bones, skinning, carrier, joint_from_rest })
     }
 
     /// Displacement from rest of every skeleton joint, T = G G(rest)⁻¹; that of the joint above where a joint is loose or its rest
     /// transform has no inverse.
     pub fn displacements(&self, world_from_joint: &[DAffine3]) -> Vec<DAffine3> {
+        self.displaced(world_from_joint, |j| self.carrier[j] == j)
+    }
+
+    /// Displacements of the joints that `counts`, those of the joints above of all others.
+    pub(super) fn displaced(&self, world_from_joint: &[DAffine3], counts: impl Fn(usize) -> bool) -> Vec<DAffine3> {
         let mut own: Vec<DAffine3> = Vec::with_capacity(world_from_joint.len());
         for (j, (g, inverse)) in world_from_joint.iter().zip(&self.joint_from_rest).enumerate() {
             let t = *g * *inverse;
             let above = self.asset.rig.skeleton.joints[j].parent.map_or(DAffine3::IDENTITY, |p| own[p]);
-            own.push(if t.is_finite() && self.carrier[j] == j { t } else { above });
+            own.push(if t.is_finite() && counts(j) { t } else { above });
         }
         own
     }
 
-    /// Positions of the driven vertices and of the holds [m], in the order of `body.driven` and `body.tethers`.
-    pub fn driven_positions(&self, displacements: &[DAffine3]) -> Vec<DVec3> {
+    /// Positions of the driven vertices, the holds and the seams [m], in the order of `body.driven` and `body.tethers`, for joints at
+    /// `world_from_joint`.
+    pub fn driven_positions(&self, world_from_joint: &[DAffine3]) -> Vec<DVec3> {
+        let displacements = self.displacements(world_from_joint);
+        let rest = &self.cage.mesh.positions;
         let at = |&v: &u32| {
             let joint = self.weights.joints[self.driver[v as usize] as usize];
-            displacements[joint].transform_point3(self.cage.mesh.positions[v as usize]) * self.scale
+            displacements[joint].transform_point3(rest[v as usize]) * self.scale
         };
         let held = self
             .holds
             .iter()
             .map(|h| displacements[self.weights.joints[h.joint as usize]].transform_point3(h.point) * self.scale);
-        self.body.driven.iter().map(at).chain(held).collect()
+        let all = if self.seams.is_empty() { Vec::new() } else { self.displaced(world_from_joint, |_| true) };
+        let seam = |&v: &u32| (rest[v as usize] + self.skinned_cage_vertex(v as usize, &all)) * self.scale;
+        self.body.driven.iter().map(at).chain(held).chain(self.seams.iter().map(seam)).collect()
     }
 }
 
@@ -156,3 +181,6 @@ fn carriers(rig: &Rig, loose: &[usize]) -> Vec<usize> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests;

@@ -142,7 +142,7 @@ impl Tissue<'_> {
     }
 
     fn driven_at(&self, pose: &Pose) -> Vec<DVec3> {
-        self.driven_positions(&self.displacements(&self.world(pose)))
+        self.driven_positions(&self.world(pose))
     }
 
     /// The body at rest in a pose.
@@ -152,8 +152,8 @@ impl Tissue<'_> {
     pub fn start(&self, elasticity: &Elasticity, stepping: &Stepping, pose: &Pose) -> Result<State, FitError> {
         let rest = State::at_rest(&self.body.rest);
         let there = self.driven_at(pose);
-        let identity = vec![DAffine3::IDENTITY; self.joint_from_rest.len()];
-        let away = self.driven_positions(&identity).iter().zip(&there).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
+        let still = self.driven_positions(&self.asset.rig.skeleton.rest_world());
+        let away = still.iter().zip(&there).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
         if away < AT_REST {
             return Ok(rest);
         }

@@ -1,12 +1,11 @@
 //! The surface that goes with the tets.
 //!
 //! x_v = Σ_k b_vk y_k + h_v (s_v − Σ_k b_vk ŷ_k): the embedding in the simulated cage y, and of what skinning s adds to the
-//! *skinned cage* ŷ (eyelids, fingers, creases below the size of a cell) the held share h_v. It is 1 in driven parts, where
-//! y = ŷ and so x = s, and where a joint is too small for the cage to hold; 0 where tissue is free: there creases and
+//! *skinned cage* ŷ (eyelids, fingers, creases below the size of a cell) the held share h_v. It is 1 in driven parts and at the
+//! roots of loose flesh, where y = ŷ and so x = s, and where a joint is too small for the cage to hold; 0 where tissue is free: there creases and
 //! collapses of skinning are gone. At rest x is the rest surface exactly, since all three agree.
 
 use super::Tissue;
-use super::holds::FREE;
 use super::weights::CageWeights;
 use animimic_scene::Rig;
 use animimic_sim::tet::Cage;
@@ -22,12 +21,12 @@ pub struct Skinning {
 }
 
 impl Skinning {
-    pub(super) fn new(rig: &Rig, cage: &Cage, weights: &CageWeights, driver: &[u32], holding: &[bool]) -> Self {
+    pub(super) fn new(rig: &Rig, cage: &Cage, weights: &CageWeights, skinned: &[bool], holding: &[bool]) -> Self {
         let tets = cage.embedding.tet.iter().map(|&t| cage.mesh.tets[t as usize]);
         let corners: Vec<([u32; 4], [f64; 4])> = tets.zip(cage.embedding.barycentric.iter().copied()).collect();
         let of = |v: usize| {
             let (tet, b) = &corners[v];
-            let driven: f64 = tet.iter().zip(b).filter(|(k, _)| driver[**k as usize] != FREE).map(|(_, b)| b).sum();
+            let driven: f64 = tet.iter().zip(b).filter(|(k, _)| skinned[**k as usize]).map(|(_, b)| b).sum();
             let detail: f64 = rig.skin.influences[v]
                 .iter()
                 .filter(|i| {
@@ -52,7 +51,7 @@ fn smooth(u: f64) -> f64 {
 impl Tissue<'_> {
     /// Surface positions [model unit] for cage positions [m] in a pose of the joints.
     pub fn surface(&self, cage: &[DVec3], world_from_joint: &[DAffine3]) -> Vec<DVec3> {
-        let displacements = self.displacements(world_from_joint);
+        let displacements = self.displaced(world_from_joint, |_| true);
         let offset = self.held_offset(&displacements);
         let embedded = |(tet, b): &([u32; 4], [f64; 4])| -> DVec3 {
             // As displacements: no rounding of large coordinates at rest.
@@ -89,11 +88,14 @@ impl Tissue<'_> {
 
     /// Displacements from rest of the cage's vertices under plain skinning [model unit].
     pub fn skinned_cage(&self, displacements: &[DAffine3]) -> Vec<DVec3> {
-        let row = |(x, row): (&DVec3, &Vec<f64>)| -> DVec3 {
-            let carried = row.iter().zip(&self.weights.joints).filter(|(w, _)| **w > 0.0);
-            carried.map(|(w, &j)| (displacements[j].transform_point3(*x) - *x) * *w).sum()
-        };
-        self.cage.mesh.positions.iter().zip(&self.weights.rows).map(row).collect()
+        (0..self.cage.mesh.positions.len()).map(|v| self.skinned_cage_vertex(v, displacements)).collect()
+    }
+
+    /// The same of one vertex.
+    pub(super) fn skinned_cage_vertex(&self, vertex: usize, displacements: &[DAffine3]) -> DVec3 {
+        let x = self.cage.mesh.positions[vertex];
+        let carried = self.weights.rows[vertex].iter().zip(&self.weights.joints).filter(|(w, _)| **w > 0.0);
+        carried.map(|(w, &j)| (displacements[j].transform_point3(x) - x) * *w).sum()
     }
 
     /// ∂L/∂(cage positions) [1/m] from ∂L/∂(surface positions) [1/model unit].
@@ -105,5 +107,18 @@ impl Tissue<'_> {
             }
         }
         d_cage
+    }
+}
+
+impl Tissue<'_> {
+    /// ∂(surface) [model unit] for a change of the cage's free vertices [m], 3 numbers each in the order of `body.free`.
+    pub fn surface_column(&self, free: &[f64]) -> Vec<DVec3> {
+        let mut cage = vec![DVec3::ZERO; self.body.rest.len()];
+        for (&v, d) in self.body.free.iter().zip(free.as_chunks::<3>().0) {
+            cage[v as usize] = DVec3::from_array(*d) / self.scale;
+        }
+        let embedded =
+            |(tet, b): &([u32; 4], [f64; 4])| -> DVec3 { tet.iter().zip(b).map(|(&k, b)| cage[k as usize] * *b).sum() };
+        self.skinning.corners.iter().map(embedded).collect()
     }
 }

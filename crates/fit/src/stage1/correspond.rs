@@ -1,7 +1,7 @@
 //! Where the surface points that a rendering shows are in a frame of the video.
 
 use super::contour::Contour;
-use super::sight::Sight;
+use super::sight::{Point, Sight};
 use super::subject::Subject;
 use crate::color::{color_distance, luma};
 use crate::terms::{DepthTarget, PixelTarget};
@@ -30,6 +30,8 @@ pub struct Frame<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Correspondences {
     /// Surface points.
+    pub points: Vec<Point>,
+    /// The same as they move with the skin.
     pub anchors: Vec<Anchor>,
     /// From appearance; `anchor` indexes `anchors`.
     pub flow: Vec<PixelTarget>,
@@ -39,6 +41,15 @@ pub struct Correspondences {
     pub tracks: Vec<PixelTarget>,
     /// From given depth.
     pub depth: Vec<DepthTarget>,
+}
+
+impl Correspondences {
+    /// Adds a surface point; returns its index.
+    pub(super) fn push(&mut self, subject: &Subject, point: Point) -> u32 {
+        self.anchors.push(point.anchor(subject));
+        self.points.push(point);
+        self.points.len() as u32 - 1
+    }
 }
 
 /// Surface points wanted per rendering.
@@ -93,7 +104,7 @@ pub fn by_flow(subject: &Subject, sight: &Sight, frame: &Frame, flow: &Flow, out
                 }
             }
             if used {
-                out.anchors.push(sight.anchor(subject, pixel));
+                out.push(subject, sight.point(subject, pixel));
             }
         }
     }
@@ -106,8 +117,7 @@ pub fn by_contour(subject: &Subject, sight: &Sight, frame: &Frame, reach: f64, b
     for (r, o) in rendered.pairs(&frame.contour, reach, CONTOUR_POINTS) {
         let (p, q) = (rendered.points[r], frame.contour.points[o]);
         let pixel = p.y as usize * sight.raster.width + p.x as usize;
-        let anchor = out.anchors.len() as u32;
-        out.anchors.push(sight.anchor(subject, pixel));
+        let anchor = out.push(subject, sight.point(subject, pixel));
         let normal = frame.contour.normals[o];
         out.contour.push(PixelTarget { anchor, pixel: q - normal * bias, weight: 1.0, normal: Some(normal) });
     }

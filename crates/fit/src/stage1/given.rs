@@ -4,10 +4,9 @@
 //! later ones. Its depth, and that of every point found by flow, is read from the depth map at the pixel where it is now.
 
 use super::correspond::{Correspondences, DEPTH_STEP, near_edge};
-use super::sight::Sight;
+use super::sight::{Point, Sight};
 use super::subject::Subject;
 use crate::terms::{DepthTarget, PixelTarget};
-use animimic_rig::Anchor;
 use animimic_scene::{Camera, DepthKind, DepthMap, Tracks};
 use glam::{DMat3, DVec2, DVec3};
 use std::sync::OnceLock;
@@ -23,7 +22,7 @@ const OVERHANG: f64 = 0.5;
 pub struct Given<'a> {
     tracks: Option<&'a Tracks>,
     /// Surface point of each track, once its query frame is solved; `None` inside where it hits none.
-    anchors: Vec<OnceLock<Option<Anchor>>>,
+    points: Vec<OnceLock<Option<Point>>>,
     depth: &'a [DepthMap],
     /// What the depth values mean.
     pub kind: DepthKind,
@@ -43,11 +42,11 @@ impl<'a> Given<'a> {
         first: &Sight,
     ) -> Self {
         let tracks = tracks.filter(|t| !t.query_frame.is_empty());
-        let anchors = (0..tracks.map_or(0, |t| t.query_frame.len())).map(|_| OnceLock::new()).collect();
+        let points = (0..tracks.map_or(0, |t| t.query_frame.len())).map(|_| OnceLock::new()).collect();
         let slope = depth.first().map_or(0.0, |map| depth_slope(map, first));
         // Without a slope there is nothing to be learnt from the values.
         let depth = if slope == 0.0 { &[] } else { depth };
-        let given = Self { tracks, anchors, depth, kind, slope, diagonal: subject.diagonal };
+        let given = Self { tracks, points, depth, kind, slope, diagonal: subject.diagonal };
         given.anchor(subject, camera, first, 0);
         given
     }
@@ -60,7 +59,7 @@ impl<'a> Given<'a> {
     /// Binds the tracks that start in a frame to the surface points seen there.
     pub fn anchor(&self, subject: &Subject, camera: &Camera, sight: &Sight, frame: usize) {
         let Some(tracks) = self.tracks else { return };
-        for (i, slot) in self.anchors.iter().enumerate().filter(|(i, _)| tracks.query_frame[*i] as usize == frame) {
+        for (i, slot) in self.points.iter().enumerate().filter(|(i, _)| tracks.query_frame[*i] as usize == frame) {
             let [x, y] = tracks.pixels[frame][i].map(f64::from);
             let seen = tracks.confidence[frame][i] > 0.0;
             slot.get_or_init(|| surface_point(subject, camera, sight, DVec2::new(x, y)).filter(|_| seen));
@@ -68,14 +67,14 @@ impl<'a> Given<'a> {
     }
 
     /// Adds the tracks of a frame; whether there are so many that no flow is needed.
-    pub fn add_tracks(&self, frame: usize, out: &mut Correspondences) -> bool {
+    pub fn add_tracks(&self, subject: &Subject, frame: usize, out: &mut Correspondences) -> bool {
         let Some(tracks) = self.tracks else { return false };
-        for (i, slot) in self.anchors.iter().enumerate() {
+        for (i, slot) in self.points.iter().enumerate() {
             let weight = f64::from(tracks.confidence[frame][i]);
-            if let Some(anchor) = slot.get().and_then(Option::as_ref).filter(|_| weight > 0.0) {
+            if let Some(point) = slot.get().and_then(Option::as_ref).filter(|_| weight > 0.0) {
                 let pixel = DVec2::from_array(tracks.pixels[frame][i].map(f64::from));
-                out.tracks.push(PixelTarget { anchor: out.anchors.len() as u32, pixel, weight, normal: None });
-                out.anchors.push(anchor.clone());
+                let anchor = out.push(subject, *point);
+                out.tracks.push(PixelTarget { anchor, pixel, weight, normal: None });
             }
         }
         out.tracks.len() >= ENOUGH_POINTS
@@ -106,22 +105,22 @@ impl<'a> Given<'a> {
 
 /// The surface point exactly at a picture position, or `None` on the background and beside occlusion edges, where a small error
 /// of the position would pick another surface.
-fn surface_point(subject: &Subject, camera: &Camera, sight: &Sight, at: DVec2) -> Option<Anchor> {
+fn surface_point(subject: &Subject, camera: &Camera, sight: &Sight, at: DVec2) -> Option<Point> {
     let raster = &sight.raster;
     let (x, y) = (at.x as usize, at.y as usize);
     if at.min_element() < 0.0 || x >= raster.width || y >= raster.height || near_edge(subject, sight, x, y) {
         return None;
     }
     let pixel = y * raster.width + x;
-    let corners = subject.surface.triangles[raster.triangle[pixel] as usize].map(|v| &subject.vertices[v as usize]);
-    let [a, b, c] = corners.map(|corner| camera.to_view(corner.position(&sight.posed)));
+    let corners = subject.surface.triangles[raster.triangle[pixel] as usize];
+    let [a, b, c] = corners.map(|v| camera.to_view(sight.surface[v as usize]));
     // Weights of the corners at which the ray through the pixel meets their plane.
     let ray = DVec3::new((at.x - camera.cx) / camera.fx, (at.y - camera.cy) / camera.fy, 1.0);
     let weights = DMat3::from_cols(a, b, c).inverse() * ray;
     let weights = weights / weights.element_sum();
     let inside = weights.is_finite() && weights.min_element() > -OVERHANG && weights.max_element() < 1.0 + OVERHANG;
     let weights = if inside { weights.to_array() } else { raster.weights(pixel).map(f64::from) };
-    Some(Anchor::blend(corners, weights))
+    Some(Point { corners, weights })
 }
 
 /// |cov(d, z) / var z| over the pixels that the model covers in frame 0; 0 where that says nothing.
@@ -159,10 +158,11 @@ fn sample(map: &DepthMap, at: DVec2, step: f64) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Input, Settings, fit};
+    use super::super::{Forgetful, Input, Settings, fit};
     use super::*;
     use crate::fixtures::{asset, camera, truth};
     use animimic_render::Light;
+    use animimic_rig::Anchor;
     use animimic_scene::{Image, Mask};
     use std::ops::ControlFlow;
 
@@ -230,7 +230,8 @@ mod tests {
             depth_kind: kind.unwrap_or_default(),
         };
         let found =
-            fit(&input, Settings::default(), "clip", 24.0, &mut |_, _| ControlFlow::Continue(())).expect("fits");
+            fit(&input, Settings::default(), "clip", 24.0, &mut Forgetful, &mut |_, _| ControlFlow::Continue(()))
+                .expect("fits");
         let last = subject.posed(&found.frames[FRAMES - 1]);
         let error: f64 =
             points.iter().map(|a| a.position(&last).distance(a.position(&sights[FRAMES - 1].posed))).sum::<f64>();

@@ -4,11 +4,13 @@
 //! 2. Frame by frame ([`track`]): draw the model where it is believed to be, find by dense flow and silhouettes where the
 //!    drawn points are in the frame, solve for the pose (Levenberg–Marquardt on SO(3)ᴶ), draw again; several hypotheses are
 //!    carried on where limbs may be taken for each other.
-//! 3. All frames together ([`solve::Stage::refine`]), coupled by smoothness over time; priors step back round by round.
+//! 3. All frames together ([`Stage::refine`]), coupled by smoothness over time; priors step back round by round.
 //! 4. Limbs that may lean the other way are mirrored where the frames then look better ([`flips`]).
-//! 5. All frames together at full strength, each point as smooth as itself ([`solve::Stage::finish`], [`liveliness`]).
+//! 5. All frames together at full strength, each point as smooth as itself ([`Stage::finish`], [`liveliness`]).
 //! 6. The polish ([`polish`]): all terms with rendered colour and silhouette.
 //! 7. How well each part is known ([`certainty`]).
+//!
+//! Each step but the polish is kept as it is done ([`steps`]): a fit that was cut off goes on there.
 //!
 //! 2 and 3 are done with and without what the rig suggests about hinges; the frames decide.
 
@@ -24,6 +26,7 @@ pub mod search;
 pub mod settings;
 pub mod sight;
 pub mod solve;
+pub mod steps;
 pub mod subject;
 pub mod track;
 
@@ -41,7 +44,10 @@ use search::mismatch;
 pub use settings::Settings;
 use sight::{Sight, Studio};
 use solve::Stage;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use steps::Steps;
+pub use steps::{Forgetful, Keeper, Saved};
 use subject::Subject;
 
 /// What stage 1 looks at. All pictures have the camera's size.
@@ -82,6 +88,8 @@ pub struct Outcome {
     pub mismatch: Vec<f64>,
     /// How well each part is known.
     pub certainty: Vec<Certainty>,
+    /// Trials whose energy was not a number; the solve went on from the best before them, in shorter steps.
+    pub not_finite: usize,
 }
 
 /// What the fit is doing.
@@ -119,37 +127,63 @@ const FLIPS_AT: f64 = 0.8;
 const FLIPPED_AT: f64 = 0.85;
 const POLISH_AT: f64 = 0.93;
 
-/// Finds the motion of a rigged model in a video.
+/// Finds the motion of a rigged model in a video. Its steps are kept by `keeper`, and taken from there where they were done before.
 ///
 /// # Errors
-/// Inputs that do not belong together, a model that cannot be drawn, or a stop.
+/// Inputs that do not belong together, a model that cannot be drawn, a keeper that cannot keep, or a stop.
 pub fn fit(
     input: &Input,
     settings: Settings,
     name: &str,
     fps: f64,
+    keeper: &mut dyn Keeper,
     progress: &mut Progress,
 ) -> Result<Outcome, FitError> {
     check(input)?;
     let subject = Subject::new(input.asset)?;
     let light = first_light(input, &subject)?;
     let stage = stage(input, &subject, &light, settings);
-    let mut frames = best_hypothesis(&stage, progress)?;
-    let mut go_on = |phase, done| if progress(phase, done).is_break() { Err(FitError::Stopped) } else { Ok(()) };
+    let mut steps = Steps::new(&stage, keeper);
+    let mut frames = best_hypothesis(&mut steps, progress)?;
     let rounds = stage.settings.final_rounds;
-    go_on(Phase::Refine, FINISH_AT)?;
-    stage.finish(&mut frames, rounds / 2);
-    go_on(Phase::Flip, FLIPS_AT)?;
-    stage.flip_limbs(&mut frames);
-    go_on(Phase::Refine, FLIPPED_AT)?;
-    let energies = stage.finish(&mut frames, rounds - rounds / 2);
-    go_on(Phase::Polish, POLISH_AT)?;
+    let half = rounds / 2;
+    finish(&mut steps, &mut frames, 0..half, (FINISH_AT, FLIPS_AT), progress)?;
+    go_on(progress, Phase::Flip, FLIPS_AT)?;
+    steps.take("flips", &mut frames, |poses| {
+        stage.flip_limbs(poses);
+        Vec::new()
+    })?;
+    let energies = finish(&mut steps, &mut frames, half..rounds, (FLIPPED_AT, POLISH_AT), progress)?;
+    go_on(progress, Phase::Polish, POLISH_AT)?;
     let curves = stage.polish(&mut frames);
     let mismatch = stage.mismatches(&frames);
     let certainty = stage.certainty(&frames, &mismatch);
     let poses = frames.iter().map(|f| subject.file_pose(f)).collect();
     let motion = Motion { name: name.into(), fps, poses };
-    Ok(Outcome { motion, frames, energies, curves, mismatch, certainty })
+    let not_finite = stage.not_finite.load(Ordering::Relaxed);
+    Ok(Outcome { motion, frames, energies, curves, mismatch, certainty, not_finite })
+}
+
+fn go_on(progress: &mut Progress, phase: Phase, done: f64) -> Result<(), FitError> {
+    if progress(phase, done).is_break() { Err(FitError::Stopped) } else { Ok(()) }
+}
+
+/// Some of the rounds at the final strength, which take the part `share` of the progress; the energies of the last.
+fn finish(
+    steps: &mut Steps,
+    frames: &mut Vec<FramePose>,
+    rounds: Range<usize>,
+    share: (f64, f64),
+    progress: &mut Progress,
+) -> Result<Vec<f64>, FitError> {
+    let mut energies = Vec::new();
+    let stage = steps.stage;
+    for round in rounds.clone() {
+        let done = (round - rounds.start) as f64 / rounds.len() as f64;
+        go_on(progress, Phase::Refine, share.0 + (share.1 - share.0) * done)?;
+        energies = steps.take(&format!("finish {round}"), frames, |poses| stage.finish(poses))?;
+    }
+    Ok(energies)
 }
 
 /// A motion that follows the rig's hinges may look this many times as unlike the video, beyond what frame 0 does, and still be
@@ -160,9 +194,10 @@ const PLAUSIBLE: f64 = 1.2;
 const GOOD: f64 = 0.1;
 
 /// Tracks and refines with and, where the frames ask for it, without what the rig suggests; returns what they speak for.
-fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePose>, FitError> {
+fn best_hypothesis(steps: &mut Steps, progress: &mut Progress) -> Result<Vec<FramePose>, FitError> {
+    let stage = steps.stage;
     let guesses: &[f64] = if stage.guesses_matter() { &[1.0, stage.settings.final_priors] } else { &[1.0] };
-    let count = stage.frames.len();
+    let (count, rounds) = (stage.frames.len(), stage.settings.batch_rounds);
     let mut best: Option<(f64, Vec<FramePose>)> = None;
     let mut costs: Option<Vec<f64>> = None;
     for (k, &weight) in guesses.iter().enumerate() {
@@ -171,12 +206,15 @@ fn best_hypothesis(stage: &Stage, progress: &mut Progress) -> Result<Vec<FramePo
         }
         let mut share = |phase, done: f64| progress(phase, FINISH_AT * (k as f64 + done) / guesses.len() as f64);
         let mut tracked = |t: usize| share(Phase::Track, TRACKING_SHARE * t as f64 / count as f64);
-        let Some(tracked) = stage.track(weight, costs.as_deref(), &mut tracked)? else { continue };
+        let tracked = steps.track(&format!("tracking {k}"), weight, costs.as_deref(), &mut tracked)?;
+        let Some(tracked) = tracked else { continue };
         let mut frames = tracked.poses;
-        if share(Phase::Refine, TRACKING_SHARE).is_break() {
-            return Err(FitError::Stopped);
+        for round in 0..rounds {
+            let done = TRACKING_SHARE + (1.0 - TRACKING_SHARE) * round as f64 / rounds as f64;
+            go_on(&mut share, Phase::Refine, done)?;
+            let refine = |poses: &mut Vec<FramePose>| stage.refine(poses, round, weight);
+            steps.take(&format!("refinement {k}.{round}"), &mut frames, refine)?;
         }
-        stage.refine(&mut frames, weight);
         let unlike = stage.mismatches(&frames).iter().sum::<f64>() / count as f64 - stage.usual_mismatch;
         costs = Some(tracked.costs);
         // What the rig suggests is given up only where the frames clearly speak against it.
@@ -247,5 +285,6 @@ pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, 
     let contour_bias_px = contour_bias(&first, &frames[0]);
     let usual_mismatch = mismatch(&first, frames[0].image, frames[0].mask);
     let given = Given::new(input.tracks, input.depth, input.depth_kind, subject, input.camera, &first);
-    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px, usual_mismatch }
+    let not_finite = AtomicUsize::new(0);
+    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px, usual_mismatch, not_finite }
 }

@@ -5,9 +5,10 @@
 //! Hessian, which knows how stiff each joint is. Only descent is accepted.
 
 use super::correspond::Frame;
+use super::sight::Sight;
 use super::solve::{Stage, Strength};
 use crate::combined::Combined;
-use crate::quasi_newton::minimise;
+use crate::quasi_newton::{Descent, minimise};
 use crate::rendered::{MaskLoss, Model, Observed, RgbLoss, Weighted};
 use crate::solver::{linearize, pose_all};
 use animimic_math::block_tridiagonal::Factor;
@@ -16,6 +17,7 @@ use animimic_rig::FramePose;
 use animimic_scene::Mask;
 use glam::DVec2;
 use rayon::prelude::*;
+use std::sync::atomic::Ordering;
 
 /// Damping of the metric.
 const DAMPING: f64 = 1e-2;
@@ -59,8 +61,10 @@ impl Stage<'_> {
                 lights: &lights,
                 metric,
             };
-            let history;
-            (*poses, history) = minimise(&combined, std::mem::take(poses), s.polish_steps, TOLERANCE);
+            let Descent { end, history, not_finite } =
+                minimise(&combined, std::mem::take(poses), s.polish_steps, TOLERANCE);
+            *poses = end;
+            self.not_finite.fetch_add(not_finite, Ordering::Relaxed);
             let names = ["flow", "contour", "tracks", "depth", "priors", "penetration", "smoothness", "rgb", "mask"];
             let curve =
                 |(k, name): (usize, &str)| Curve { name: name.into(), values: history.iter().map(|h| h[k]).collect() };
@@ -91,7 +95,11 @@ impl Stage<'_> {
 
     /// The light with the exposure of a frame.
     fn exposed(&self, pose: &FramePose, t: usize) -> Light {
-        let sight = self.draw(pose, t);
+        self.exposed_to(&self.draw(pose, t), t)
+    }
+
+    /// The same with the model drawn before.
+    pub(crate) fn exposed_to(&self, sight: &Sight, t: usize) -> Light {
         let rgb: Vec<[f32; 3]> = sight.image.rgb.iter().map(|c| c.map(|v| f32::from(v) / 255.0)).collect();
         let (image, mask) = (self.frames[t].image, self.frames[t].mask);
         let gain = solve_exposure(&rgb, &sight.raster, image, Some(mask)).unwrap_or([1.0; 3]);
@@ -105,7 +113,7 @@ const MAX_GAIN: f64 = 1.25;
 const BAND_PX: f64 = 4.0;
 
 /// A frame with its mask as a rendering in the right place would have it: the observed contour lies `bias_px` outside.
-fn observed<'a>(frame: &Frame<'a>, bias_px: f64) -> Observed<'a> {
+pub(crate) fn observed<'a>(frame: &Frame<'a>, bias_px: f64) -> Observed<'a> {
     let mut mask = Mask {
         width: frame.mask.width,
         height: frame.mask.height,

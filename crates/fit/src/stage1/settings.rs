@@ -71,6 +71,9 @@ pub struct Settings {
     pub polish_steps: usize,
 }
 
+/// Factor on priors at the end of refinement for a skeleton that was made: residuals are then ten times those on an artist's skeleton.
+const MADE_RIG_PRIORS: f64 = 0.3;
+
 impl Default for Settings {
     fn default() -> Self {
         Self {
@@ -121,6 +124,12 @@ impl Settings {
             lateral: self.lateral * strength.guesses,
             ..self.clone()
         }
+    }
+
+    /// For a skeleton that was made from the shape alone: its joints lie a little off those that the body bends at, so what remains between
+    /// drawing and frame is not all about the pose. Priors step back less, or the rest would be explained by motion in depth.
+    pub fn for_made_rig(self) -> Self {
+        Self { final_priors: MADE_RIG_PRIORS, ..self }
     }
 
     /// Where depth is observed, what stands in for it steps back: hinges, sideways rest and strong smoothness are guesses at

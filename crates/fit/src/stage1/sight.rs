@@ -4,11 +4,14 @@ use super::subject::Subject;
 use animimic_render::{Light, NONE, Raster, rasterize_surface, shade};
 use animimic_rig::{Anchor, FramePose, Posed};
 use animimic_scene::{Camera, Image};
+use glam::DVec3;
 
 /// The model drawn in one pose.
 pub struct Sight {
     /// Forward kinematics of the pose.
     pub posed: Posed,
+    /// Vertices [model unit].
+    pub surface: Vec<DVec3>,
     /// Which triangle each pixel shows.
     pub raster: Raster,
     /// The picture over the video's background.
@@ -29,16 +32,52 @@ impl Sight {
     pub fn draw(subject: &Subject, studio: &Studio, background: &Image, pose: &FramePose) -> Self {
         let posed = subject.posed(pose);
         let positions = subject.skinned(&posed);
-        let raster = rasterize_surface(studio.camera, &subject.surface, &positions, false);
-        let rgb = shade(studio.camera, &subject.surface, &positions, &raster, studio.light, [0.0; 3], false);
-        Self { posed, image: drawn_over(background, &raster, &rgb), raster }
+        Self::draw_surface(subject, studio, background, posed, positions)
+    }
+
+    /// Draws a surface that need not be where the skin of the pose has it.
+    pub fn draw_surface(
+        subject: &Subject,
+        studio: &Studio,
+        background: &Image,
+        posed: Posed,
+        surface: Vec<DVec3>,
+    ) -> Self {
+        let raster = rasterize_surface(studio.camera, &subject.surface, &surface, false);
+        let rgb = shade(studio.camera, &subject.surface, &surface, &raster, studio.light, [0.0; 3], false);
+        Self { posed, image: drawn_over(background, &raster, &rgb), surface, raster }
     }
 
     /// The surface point seen at a covered pixel.
-    pub fn anchor(&self, subject: &Subject, pixel: usize) -> Anchor {
+    pub fn point(&self, subject: &Subject, pixel: usize) -> Point {
         let corners = subject.surface.triangles[self.raster.triangle[pixel] as usize];
-        let weights = self.raster.weights(pixel).map(f64::from);
-        Anchor::blend(corners.map(|v| &subject.vertices[v as usize]), weights)
+        Point { corners, weights: self.raster.weights(pixel).map(f64::from) }
+    }
+
+    /// The same as it moves with the skin.
+    pub fn anchor(&self, subject: &Subject, pixel: usize) -> Anchor {
+        self.point(subject, pixel).anchor(subject)
+    }
+}
+
+/// A point of the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// Vertices of its triangle.
+    pub corners: [u32; 3],
+    /// Its barycentric coordinates.
+    pub weights: [f64; 3],
+}
+
+impl Point {
+    /// How it moves with the skin.
+    pub fn anchor(&self, subject: &Subject) -> Anchor {
+        Anchor::blend(self.corners.map(|v| &subject.vertices[v as usize]), self.weights)
+    }
+
+    /// Where it is on a surface.
+    pub fn position(&self, surface: &[DVec3]) -> DVec3 {
+        self.corners.iter().zip(self.weights).map(|(&v, b)| surface[v as usize] * b).sum()
     }
 }
 

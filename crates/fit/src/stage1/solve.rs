@@ -14,6 +14,7 @@ use animimic_rig::{AnchorColumns, FramePose};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Everything stage 1 works with.
 pub struct Stage<'a> {
@@ -33,6 +34,8 @@ pub struct Stage<'a> {
     pub contour_bias_px: f64,
     /// Mismatch of the rest pose in frame 0: what light, compression and the mask's edge leave of a perfect pose.
     pub usual_mismatch: f64,
+    /// Trials so far whose energy was not a number; they were taken back.
+    pub not_finite: AtomicUsize,
 }
 
 impl Stage<'_> {
@@ -43,13 +46,17 @@ impl Stage<'_> {
 
     /// Draws a pose and finds its correspondences in a frame.
     pub fn correspond(&self, pose: &FramePose, frame: usize, reach_px: f64) -> Correspondences {
-        let sight = self.draw(pose, frame);
+        self.correspond_to(&self.draw(pose, frame), frame, reach_px)
+    }
+
+    /// Finds the correspondences of a drawing in a frame.
+    pub fn correspond_to(&self, sight: &Sight, frame: usize, reach_px: f64) -> Correspondences {
         let mut found = Correspondences::default();
-        if !self.given.add_tracks(frame, &mut found) {
-            by_flow(self.subject, &sight, &self.frames[frame], self.flow, &mut found);
+        if !self.given.add_tracks(self.subject, frame, &mut found) {
+            by_flow(self.subject, sight, &self.frames[frame], self.flow, &mut found);
         }
         self.given.add_depth(self.studio.camera, frame, &mut found);
-        by_contour(self.subject, &sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
+        by_contour(self.subject, sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
         found
     }
 
@@ -65,7 +72,9 @@ impl Stage<'_> {
         let options = Options { max_iterations: iterations, tolerance: 1e-4, damping: 1e-3 };
         let smoothness = self.smoothing(poses, strength.smoothing);
         self.with_problem(poses.len(), active.clone(), found, strength, &smoothness, |problem| {
-            solve(problem, poses, active, &options).energies
+            let report = solve(problem, poses, active, &options);
+            self.not_finite.fetch_add(report.not_finite, Ordering::Relaxed);
+            report.energies
         })
     }
 
@@ -230,25 +239,16 @@ impl Stage<'_> {
         poses.par_iter().enumerate().map(|(t, pose)| self.mismatch(pose, t)).collect()
     }
 
-    /// Refines all frames together: redraw every frame, solve jointly; round by round the priors step back behind what is
-    /// seen. Returns the energies of the last solve.
-    pub fn refine(&self, poses: &mut [FramePose], guesses: f64) -> Vec<f64> {
-        let rounds = self.settings.batch_rounds;
-        let mut energies = Vec::new();
-        for round in 0..rounds {
-            energies = self.refine_once(poses, self.strength((round + 1) as f64 / rounds as f64, guesses));
-        }
-        energies
+    /// Refines all frames together in one of `batch_rounds` rounds: redraw every frame, solve jointly; round by round the priors
+    /// step back behind what is seen. Returns the energies.
+    pub fn refine(&self, poses: &mut [FramePose], round: usize, guesses: f64) -> Vec<f64> {
+        let u = (round + 1) as f64 / self.settings.batch_rounds as f64;
+        self.refine_once(poses, self.strength(u, guesses))
     }
 
-    /// Further rounds at the final strength, each point as smooth as itself. Returns the energies of the last solve.
-    pub fn finish(&self, poses: &mut [FramePose], rounds: usize) -> Vec<f64> {
-        let strength = self.finishing_strength();
-        let mut energies = Vec::new();
-        for _ in 0..rounds {
-            energies = self.refine_once(poses, strength);
-        }
-        energies
+    /// One more round at the final strength, each point as smooth as itself. Returns the energies.
+    pub fn finish(&self, poses: &mut [FramePose]) -> Vec<f64> {
+        self.refine_once(poses, self.finishing_strength())
     }
 
     /// One round of drawing every frame and solving all of them.

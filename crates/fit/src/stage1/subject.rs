@@ -2,7 +2,7 @@
 
 use super::balls::Balls;
 use animimic_render::{RenderError, Surface};
-use animimic_rig::limbs::{Limb, limbs};
+use animimic_rig::limbs::{Limb, align_hinges, lateral, limbs};
 use animimic_rig::smoothness::pseudo_anchors;
 use animimic_rig::solve_tree::SolveTree;
 use animimic_rig::{Anchor, FramePose, Posed};
@@ -23,7 +23,7 @@ pub struct Subject<'a> {
     pub pseudo: Vec<Anchor>,
     /// Chains that can be swung as a whole.
     pub limbs: Vec<Limb>,
-    /// Sideways direction of the body: the axis about which most limbs hinge, if they agree.
+    /// Sideways direction of the body, if its limbs tell.
     pub lateral: Option<DVec3>,
     /// Balls that keep parts from passing through each other.
     pub balls: Balls,
@@ -42,11 +42,8 @@ impl<'a> Subject<'a> {
         let pseudo = pseudo_anchors(&vertices, tree.kinematics.len());
         let diagonal = asset.mesh.diagonal();
         let mut limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
-        let lateral = lateral(&limbs);
-        // A leg that stands askew at rest still bends fore and aft.
-        for hinge in limbs.iter_mut().filter_map(|l| l.hinge.as_mut()) {
-            *hinge = lateral.filter(|l| l.dot(*hinge).abs() > LATERAL_LIMB).unwrap_or(*hinge);
-        }
+        let lateral = lateral(&tree.kinematics, &limbs);
+        lateral.into_iter().for_each(|l| align_hinges(&tree.kinematics, &mut limbs, l));
         Ok(Self {
             lateral,
             limbs,
@@ -87,20 +84,4 @@ fn tips(tree: &SolveTree, vertices: &[Anchor], positions: &[DVec3]) -> Vec<DVec3
         }
     }
     tips
-}
-
-/// Hinges within this angle of each other agree (cosine of 30°).
-const LATERAL_AGREEMENT: f64 = 0.866;
-
-/// Limbs whose own hinge is within this of the body's sideways axis hinge about that axis (cosine of 45°).
-const LATERAL_LIMB: f64 = 0.707;
-
-/// The axis about which most limbs hinge: sideways, for most bodies. At least two limbs and half of all bent ones must agree.
-fn lateral(limbs: &[Limb]) -> Option<DVec3> {
-    let hinges: Vec<DVec3> = limbs.iter().filter_map(|l| l.hinge).collect();
-    let agreeing = |axis: DVec3| hinges.iter().filter(move |h| h.dot(axis).abs() > LATERAL_AGREEMENT);
-    let best = hinges.iter().copied().max_by_key(|h| agreeing(*h).count())?;
-    let sum: DVec3 = agreeing(best).map(|h| if h.dot(best) < 0.0 { -*h } else { *h }).sum();
-    let count = agreeing(best).count();
-    (count >= 2 && 2 * count >= hinges.len()).then(|| sum.normalize())
 }

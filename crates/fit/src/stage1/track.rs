@@ -6,10 +6,10 @@
 
 use super::search::{Small, swing_limbs};
 use super::solve::Stage;
+use super::steps::Saved;
 use crate::FitError;
 use animimic_rig::FramePose;
 use rayon::prelude::*;
-use std::ops::ControlFlow;
 
 /// Hypotheses carried from frame to frame.
 const BEAM: usize = 3;
@@ -41,46 +41,84 @@ struct Story {
     cost: f64,
 }
 
+/// All that tracking knows after some frames.
+#[derive(Clone)]
+pub struct Beam {
+    /// The best first.
+    stories: Vec<Story>,
+    /// Cost of the best story after each frame \[frame\].
+    costs: Vec<f64>,
+}
+
+impl Beam {
+    /// Frames that are tracked.
+    pub fn frames(&self) -> usize {
+        self.costs.len()
+    }
+
+    pub(super) fn stories(&self) -> impl Iterator<Item = &[FramePose]> {
+        self.stories.iter().map(|s| s.poses.as_slice())
+    }
+
+    /// As poses and numbers: each story's cost, then each frame's.
+    pub(super) fn to_saved(&self) -> Saved {
+        let costs = self.stories.iter().map(|s| s.cost).chain(self.costs.iter().copied());
+        Saved { stories: self.stories.iter().map(|s| s.poses.clone()).collect(), numbers: costs.collect() }
+    }
+
+    /// The opposite; `None` where the poses and numbers are not of a beam.
+    pub(super) fn from_saved(saved: Saved) -> Option<Self> {
+        let costs = saved.numbers.get(saved.stories.len()..)?.to_vec();
+        let whole = !costs.is_empty() && saved.stories.iter().all(|s| s.len() == costs.len());
+        let stories = saved.stories.into_iter().zip(saved.numbers).map(|(poses, cost)| Story { poses, cost }).collect();
+        whole.then_some(Self { stories, costs })
+    }
+}
+
 impl Stage<'_> {
-    /// Tracks all frames from the rest pose in frame 0, with guesses from the rig weighed by `guesses`; `progress` hears of
-    /// each frame. `None` where it falls hopelessly behind `rival`, the costs of another tracking.
+    /// Where tracking begins: the rest pose in frame 0.
+    pub fn at_rest(&self) -> Beam {
+        let poses = vec![self.subject.tree.kinematics.rest()];
+        Beam { stories: vec![Story { poses, cost: 0.0 }], costs: vec![0.0] }
+    }
+
+    /// Tracks the frames that `beam` lacks, with guesses from the rig weighed by `guesses`; `each` hears after each frame.
+    /// `None` where it falls hopelessly behind `rival`, the costs of another tracking.
     ///
     /// # Errors
-    /// When `progress` asks to stop.
+    /// Those of `each`.
     pub fn track(
         &self,
         guesses: f64,
         rival: Option<&[f64]>,
-        progress: &mut dyn FnMut(usize) -> ControlFlow<()>,
+        mut beam: Beam,
+        each: &mut dyn FnMut(&Beam) -> Result<(), FitError>,
     ) -> Result<Option<Tracked>, FitError> {
-        let rest = self.subject.tree.kinematics.rest();
-        let mut beam = vec![Story { poses: vec![rest], cost: 0.0 }];
-        let mut costs = vec![0.0];
-        for t in 1..self.frames.len() {
+        for t in beam.frames()..self.frames.len() {
             let mut next = Vec::new();
-            for (rank, story) in beam.iter().enumerate() {
+            for (rank, story) in beam.stories.iter().enumerate() {
                 next.extend(self.continued(story, t, guesses, rank < SWINGING));
             }
             next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-            beam.clear();
+            let mut kept: Vec<Story> = Vec::new();
             let limit = next[0].cost + GIVE_UP * self.usual_mismatch;
             for story in next {
-                if beam.len() < BEAM && story.cost <= limit && beam.iter().all(|b| self.distance(b, &story) > SAME) {
-                    beam.push(story);
+                if kept.len() < BEAM && story.cost <= limit && kept.iter().all(|b| self.distance(b, &story) > SAME) {
+                    kept.push(story);
                 }
             }
+            beam.stories = kept;
+            let best = &beam.stories[0];
             if self.given.starts_in(t) {
-                self.given.anchor(self.subject, self.studio.camera, &self.draw(&beam[0].poses[t], t), t);
+                self.given.anchor(self.subject, self.studio.camera, &self.draw(&best.poses[t], t), t);
             }
-            if progress(t).is_break() {
-                return Err(FitError::Stopped);
-            }
-            costs.push(beam[0].cost);
-            if t >= FAIR_START && rival.is_some_and(|r| beam[0].cost > HOPELESS * r[t]) {
+            beam.costs.push(best.cost);
+            if t >= FAIR_START && rival.is_some_and(|r| best.cost > HOPELESS * r[t]) {
                 return Ok(None);
             }
+            each(&beam)?;
         }
-        Ok(Some(Tracked { poses: beam.swap_remove(0).poses, costs }))
+        Ok(Some(Tracked { poses: beam.stories.swap_remove(0).poses, costs: beam.costs }))
     }
 
     /// A story with one frame more: as predicted, and with limbs swung where that looks wrong.

@@ -44,6 +44,17 @@ pub fn quadruped() -> Asset {
     asset(mesh)
 }
 
+/// The same creature in mid-stride: the legs of each row swing apart.
+pub fn walking() -> Asset {
+    let mut asset = quadruped();
+    for p in asset.mesh.positions.iter_mut().skip(3 * 16 * 13) {
+        let stride = p.x.signum() * if p.z > 0.0 { 0.35 } else { 0.2 };
+        let hip = DVec3::new(0.0, 1.0, 0.5 * p.z.signum());
+        *p = hip + glam::DQuat::from_rotation_x(stride) * (*p - hip);
+    }
+    asset
+}
+
 /// Two legs side by side under a bar, with a gap far narrower than a voxel.
 pub fn trousers() -> Asset {
     let mut mesh = Mesh::default();

@@ -1,6 +1,6 @@
 //! What holds for every rigger and every surface.
 
-use super::fixtures::{quadruped, soup, triangle, trousers};
+use super::fixtures::{quadruped, soup, triangle, trousers, walking};
 use super::*;
 
 fn check(name: &str, asset: &Asset, rig: &Rig) {
@@ -56,6 +56,29 @@ fn a_symmetric_quadruped_gets_mirrored_legs_a_head_and_a_tail() {
     }
     for leg in ["leg_front_L_02", "leg_back_R_02"] {
         assert!(at(leg).y < 0.8 && (at(leg).z.abs() - 0.5).abs() < 0.15, "{leg} {:?}", at(leg));
+    }
+}
+
+#[test]
+fn legs_in_mid_stride_are_paired_hang_beside_each_other_and_have_equal_bones() {
+    let rig = RIGGERS[0].rig(&walking(), &RigOptions::default()).expect("a sound surface");
+    let joints = &rig.skeleton.joints;
+    let world = rig.skeleton.rest_world();
+    let find = |name: &str| joints.iter().position(|j| j.name == name).unwrap_or_else(|| panic!("{name} is missing"));
+    println!("{:?}", joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>());
+    for row in ["front", "back"] {
+        let [left, right] = ["L", "R"].map(|side| find(&format!("leg_{row}_{side}_01")));
+        let (a, b) = (world[left].translation, world[right].translation);
+        println!("{row}: hips at {a} and {b}");
+        assert_eq!(joints[left].parent, joints[right].parent, "{row} hips hang on one joint");
+        assert!(a.x > 0.05 && (a * DVec3::new(-1.0, 1.0, 1.0)).distance(b) < 1e-6, "{row} hips mirror each other");
+        assert!(a.y > 0.85 && (a.z.abs() - 0.5).abs() < 0.12, "{row} hip {a} is beside the trunk's axis");
+        let bone = |side: &str| {
+            let ends = [1, 2].map(|k| world[find(&format!("leg_{row}_{side}_0{k}"))].translation);
+            ends[0].distance(ends[1])
+        };
+        println!("first bones {} and {}", bone("L"), bone("R"));
+        assert!((bone("L") - bone("R")).abs() < 0.1 * bone("L"));
     }
 }
 

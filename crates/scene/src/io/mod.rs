@@ -23,7 +23,7 @@ mod text;
 pub mod trajectory;
 pub mod weld;
 
-pub use atomic::write_atomically;
+pub use atomic::{sweep, write_atomically};
 pub use error::SceneError;
 
 use crate::Asset;

@@ -3,11 +3,12 @@
 //! Up is +Y, as everywhere here. What an upright body faces is told by its feet, else taken as +Z (glTF's convention).
 
 use super::chains::{Chain, Graph};
+use super::pairs;
 use super::symmetry::Mirror;
 use glam::DVec3;
 
 /// A trunk whose ends differ in height by more than this share of their distance stands upright.
-const UPRIGHT: f64 = 0.75;
+const UPRIGHT: f64 = 0.65;
 
 /// A leg ends in the lowest part of the model (share of the height), is this long [longest side], and leads down by this share of its length.
 const GROUND: f64 = 0.25;
@@ -60,6 +61,10 @@ pub(crate) struct Anatomy {
     pub chains: Vec<Chain>,
     /// \[chain\].
     pub roles: Vec<Role>,
+    /// Where on the trunk each chain begins; partners begin at the same place.
+    pub place: Vec<usize>,
+    /// The limb on the other side that is like this one, if both are there \[chain\].
+    pub partner: Vec<Option<usize>>,
     /// Place of the pelvis on the trunk.
     pub pelvis: usize,
     /// Place of the foremost row of limbs before the pelvis, if there is one.
@@ -76,13 +81,22 @@ impl Anatomy {
         let trunk = head_last(graph, graph.trunk(mirror), heights);
         let upright = is_upright(graph, &trunk);
         let chains = graph.chains(trunk);
-        let place: Vec<usize> = chains.iter().map(|c| place_on_trunk(graph, &chains, c)).collect();
+        let mut place: Vec<usize> = chains.iter().map(|c| place_on_trunk(graph, &chains, c)).collect();
         let along = arc(graph, &chains[0].nodes);
         let whole = along[along.len() - 1].max(1e-9 * graph.longest);
+        let partner = match mirror {
+            Some(m) if !m.exact => pairs::partners(graph, &chains, &place, m),
+            _ => vec![None; chains.len()],
+        };
+        let apart = place.clone();
+        for (c, other) in partner.iter().enumerate().filter_map(|(c, p)| Some((c, (*p)?))) {
+            place[c] = nearest(&along, 0.5 * (along[apart[c]] + along[apart[other]]));
+        }
+        let leg = |c: usize| is_leg(graph, &chains[c], heights);
         let legs: Vec<usize> = (1..chains.len())
-            .filter(|&c| chains[c].parent.is_some_and(|p| p.0 == 0) && is_leg(graph, &chains[c], heights))
+            .filter(|&c| chains[c].parent.is_some_and(|p| p.0 == 0) && (leg(c) || partner[c].is_some_and(leg)))
             .collect();
-        let mut rows = rows(&legs, |c| along[place[c]] / whole);
+        let mut rows = rows(&legs, |c| along[place[c]] / whole, &partner);
         if upright {
             // Hands may reach the ground, but only the lowest row stands on it.
             rows.truncate(1);
@@ -111,7 +125,7 @@ impl Anatomy {
         if let Some(m) = mirror {
             left = if m.normal.dot(left) < 0.0 { -m.normal } else { m.normal };
         }
-        Self { chains, roles, pelvis, chest, upright, left }
+        Self { chains, roles, place, partner, pelvis, chest, upright, left }
     }
 }
 
@@ -188,7 +202,7 @@ fn lone_row(graph: &Graph, trunk: &[usize], heights: [f64; 2]) -> Option<f64> {
     let on_trunk = |c: &usize| chains[*c].parent.is_some_and(|p| p.0 == 0);
     let legs: Vec<usize> = (1..chains.len()).filter(on_trunk).filter(|&c| is_leg(graph, &chains[c], heights)).collect();
     let share = |c: usize| along[place_on_trunk(graph, &chains, &chains[c])] / along[along.len() - 1];
-    let rows = rows(&legs, share);
+    let rows = rows(&legs, share, &vec![None; chains.len()]);
     let [row] = &rows[..] else { return None };
     Some(row.iter().map(|&c| share(c)).sum::<f64>() / row.len() as f64)
 }
@@ -220,14 +234,20 @@ pub(crate) fn place_on_trunk(graph: &Graph, chains: &[Chain], chain: &Chain) -> 
     (0..trunk.len()).min_by(|&a, &b| cost(a).total_cmp(&cost(b))).unwrap_or(0)
 }
 
-/// Legs in rows from behind.
-fn rows(legs: &[usize], share: impl Fn(usize) -> f64) -> Vec<Vec<usize>> {
+/// Legs in rows from behind. A pair is a row of its own; other legs that begin near each other are one.
+fn rows(legs: &[usize], share: impl Fn(usize) -> f64, partner: &[Option<usize>]) -> Vec<Vec<usize>> {
     let mut order = legs.to_vec();
-    order.sort_by(|&a, &b| share(a).total_cmp(&share(b)).then(a.cmp(&b)));
+    order.sort_by(|&a, &b| {
+        share(a).total_cmp(&share(b)).then(a.min(partner[a].unwrap_or(a)).cmp(&b.min(partner[b].unwrap_or(b))))
+    });
     let mut rows: Vec<Vec<usize>> = Vec::new();
     for leg in order {
+        let joins = |row: &Vec<usize>| match partner[leg] {
+            Some(other) => row.contains(&other),
+            None => row.iter().all(|&l| partner[l].is_none()) && share(leg) - share(row[0]) < SAME_ROW,
+        };
         match rows.last_mut() {
-            Some(row) if share(leg) - share(row[0]) < SAME_ROW => row.push(leg),
+            Some(row) if joins(row) => row.push(leg),
             _ => rows.push(vec![leg]),
         }
     }

@@ -1,7 +1,8 @@
 //! Joints on chains: where limbs bend, else where bodies usually do.
 
-use super::anatomy::{Anatomy, Role, arc, nearest, place_on_trunk};
+use super::anatomy::{Anatomy, Role, arc, nearest};
 use super::chains::Graph;
+use super::symmetry::Mirror;
 use glam::DVec3;
 
 /// Lengths of bones [longest side] at the middle level of detail.
@@ -14,8 +15,12 @@ const TWIG_BONE: f64 = 0.08;
 /// From this fineness on limbs may have more bones than bodies have joints.
 const FINE: f64 = 1.2;
 
-/// Where limbs of 1, 2, 3, 4 bones bend if nothing shows it: shares of their length.
-const PROPORTIONS: [&[f64]; 4] = [&[], &[0.48], &[0.43, 0.8], &[0.36, 0.66, 0.86]];
+/// Where limbs of 1, 2, 3, 4 bones bend if nothing shows it: shares of their length. Hind legs on four bones have knee, hock and toes.
+const PROPORTIONS: [&[f64]; 4] = [&[], &[0.48], &[0.43, 0.8], &[0.43, 0.76, 0.9]];
+const HIND: &[f64] = &[0.3, 0.62, 0.88];
+
+/// Curves are cut into so many pieces when bends are looked for.
+const STEPS: usize = 64;
 
 /// A joint off its usual place by this share of the limb costs as much as a bone that leaves the middle by `STRAY`.
 const USUAL: f64 = 0.16;
@@ -27,6 +32,13 @@ const ROOT_SHARE: f64 = 0.4;
 
 /// A limb's first joint lies above where it comes out, straight on, this share of the way to the trunk's axis.
 const SOCKET: f64 = 0.55;
+/// A leg under a lying trunk begins this share of the way up to the height of its axis, and leans on the way by this share of the whole
+/// leg's lean: a thigh leans forward above a hock that leans back.
+const BESIDE_AXIS: f64 = 0.85;
+const LEAN: f64 = 0.5;
+
+/// Medial balls of a limb count up to this many times its usual radius.
+const CARRIED: f64 = 1.3;
 
 /// A head is what lies beyond a neck narrower than the head by this factor.
 const NECK: f64 = 1.12;
@@ -50,8 +62,8 @@ pub(crate) struct Draft {
 }
 
 /// All joints, parents first. Of exactly symmetric bodies the half that is there.
-pub(crate) fn joints(graph: &Graph, anatomy: &Anatomy, fineness: f64) -> Vec<Draft> {
-    let mut builder = Builder { graph, anatomy, fineness, drafts: Vec::new(), owner: Vec::new() };
+pub(crate) fn joints(graph: &Graph, anatomy: &Anatomy, mirror: Option<&Mirror>, fineness: f64) -> Vec<Draft> {
+    let mut builder = Builder { graph, anatomy, mirror, fineness, drafts: Vec::new(), owner: Vec::new() };
     builder.trunk();
     for c in 1..anatomy.chains.len() {
         builder.limb(c);
@@ -59,9 +71,26 @@ pub(crate) fn joints(graph: &Graph, anatomy: &Anatomy, fineness: f64) -> Vec<Dra
     builder.drafts
 }
 
+/// A limb from where it turns in the trunk to its tip.
+struct Curve {
+    points: Vec<DVec3>,
+    /// The first points, which lie within the trunk.
+    inner: usize,
+    /// Place in the chain of the first point after those.
+    hip: usize,
+}
+
+impl Curve {
+    /// Place in the chain of a point, the hip for those within the trunk.
+    fn node(&self, point: usize) -> usize {
+        self.hip + point.saturating_sub(self.inner)
+    }
+}
+
 struct Builder<'a> {
     graph: &'a Graph<'a>,
     anatomy: &'a Anatomy,
+    mirror: Option<&'a Mirror>,
     fineness: f64,
     drafts: Vec<Draft>,
     /// Joint that carries each place \[chain\]\[place\].
@@ -172,29 +201,50 @@ impl Builder<'_> {
 
     fn limb(&mut self, c: usize) {
         let chain = &self.anatomy.chains[c];
-        let Some((on, place)) = chain.parent else { return };
+        let Some((on, at)) = chain.parent else { return };
         let role = self.anatomy.roles[c];
-        let nodes = &chain.nodes;
-        let along = arc(self.graph, nodes);
-        let hip = self.hip(c, &along);
-        let place = if on == 0 { place_on_trunk(self.graph, &self.anatomy.chains, chain) } else { place };
-        let parent = self.owner[on][place];
-        let least = self.least_bones(role);
-        let count = self.bones(role);
-        let places = bends(&nodes[hip..].iter().map(|&k| self.graph.at(k)).collect::<Vec<_>>(), count);
-        self.owner.push(vec![parent; nodes.len()]);
+        let parent = self.owner[on][if on == 0 { self.anatomy.place[c] } else { at }];
+        let curve = self.curve(c);
+        let mut partners = vec![curve.points.clone()];
+        partners.extend(self.anatomy.partner[c].map(|p| self.curve(p).points));
+        let count = self.bones(role).min(curve.points.len() / 2).max(1);
+        let along = ways(&curve.points);
+        let whole = along[along.len() - 1];
+        let mut owner = vec![parent; chain.nodes.len()];
         let first = self.drafts.len();
         let mut last = parent;
-        for (k, p) in places.into_iter().enumerate() {
+        for (k, share) in bends(&partners, count, proportions(role, count)).into_iter().enumerate() {
             let name = stem(role, &self.drafts[parent].stem);
-            last = self.push(name, Some(k + 1), (c, hip + p), Some(last));
-            if k == 0 && on == 0 && least > 1 {
-                let axis = self.graph.at(self.anatomy.chains[0].nodes[place]);
-                self.drafts[last].position = self.socket(c, hip, &along, axis);
-            }
-            self.owner[c][hip + p..].fill(last);
+            let begin = nearest(&along, share * whole);
+            last = self.push(name, Some(k + 1), (c, curve.node(begin)), Some(last));
+            self.drafts[last].position = curve.points[begin];
+            owner[curve.node(begin)..].fill(last);
         }
+        self.owner.push(owner);
+        let inner = &curve.points[..curve.inner];
+        let radius = self.graph.radius(chain.nodes[curve.hip]).min(CARRIED * self.usual_radius(c));
+        self.drafts[first].seeds.extend(inner.iter().map(|&p| (p, radius)));
         self.carry(c, first);
+    }
+
+    /// The line along which a limb's joints lie.
+    fn curve(&self, c: usize) -> Curve {
+        let chain = &self.anatomy.chains[c];
+        let along = arc(self.graph, &chain.nodes);
+        let hip = self.hip(c, &along);
+        let own: Vec<DVec3> = chain.nodes[hip..].iter().map(|&k| self.graph.at(k)).collect();
+        if chain.parent.is_none_or(|p| p.0 != 0) || self.least_bones(self.anatomy.roles[c]) < 2 {
+            return Curve { points: own, inner: 0, hip };
+        }
+        let mut socket = self.socket(c);
+        if let (Some(partner), Some(mirror)) = (self.anatomy.partner[c], self.mirror) {
+            socket = 0.5 * (socket + mirror.image(self.socket(partner)));
+        }
+        let step = (along[along.len() - 1] - along[hip]) / (own.len() - 1).max(1) as f64;
+        let inner = (socket.distance(own[0]) / step.max(1e-9 * self.graph.longest)).ceil() as usize;
+        let hip_at = own[0];
+        let points = (0..inner).map(|k| socket.lerp(hip_at, k as f64 / inner as f64)).chain(own).collect();
+        Curve { points, inner, hip }
     }
 
     /// Bones of a limb at least: legs and arms have three, unless few are wanted.
@@ -212,8 +262,8 @@ impl Builder<'_> {
         let mut wanted: Vec<usize> = (1..self.anatomy.chains.len())
             .filter(|&c| self.anatomy.roles[c] == role)
             .map(|c| {
-                let along = arc(self.graph, &self.anatomy.chains[c].nodes);
-                let length = along[along.len() - 1] - along[self.hip(c, &along)];
+                let points = self.curve(c).points;
+                let length = ways(&points)[points.len() - 1];
                 (length / (bone * self.graph.longest / self.fineness)).round() as usize
             })
             .collect();
@@ -242,11 +292,22 @@ impl Builder<'_> {
         chain.exit.max(flare.min(furthest)).min(nodes.len() - 1)
     }
 
-    /// Where a limb turns in the trunk: straight on from its upper part.
-    fn socket(&self, c: usize, hip: usize, along: &[f64], axis: DVec3) -> DVec3 {
-        let nodes = &self.anatomy.chains[c].nodes;
+    /// Where a limb turns in the trunk: straight on from its upper part. Legs under a lying trunk reach up beside its axis, as shoulder
+    /// blades and thighs do.
+    fn socket(&self, c: usize) -> DVec3 {
+        let chain = &self.anatomy.chains[c];
+        let nodes = &chain.nodes;
+        let along = arc(self.graph, nodes);
+        let hip = self.hip(c, &along);
+        let axis = self.graph.at(self.anatomy.chains[0].nodes[self.anatomy.place[c]]);
         let from = self.graph.at(nodes[hip]);
-        let below = nearest(along, along[hip] + 0.3 * (along[along.len() - 1] - along[hip]));
+        if matches!(self.anatomy.roles[c], Role::Leg(..)) && !self.anatomy.upright {
+            let rise = BESIDE_AXIS * (axis.y - from.y).max(0.0);
+            let leg = (from - self.graph.at(nodes[nodes.len() - 1])).reject_from_normalized(self.anatomy.left);
+            let lean = (LEAN / leg.y.abs().max(1e-9 * self.graph.longest) * leg).with_y(0.0).clamp_length_max(LEAN);
+            return from + rise * (DVec3::Y + lean);
+        }
+        let below = nearest(&along, along[hip] + 0.3 * (along[along.len() - 1] - along[hip]));
         let up = (from - self.graph.at(nodes[below])).normalize_or_zero();
         let reach = (axis - from).dot(up).max(0.0);
         let inwards = from + 0.5 * SOCKET * (axis - from);
@@ -277,7 +338,7 @@ impl Builder<'_> {
 
     /// Gives the joints their medial balls; those of a limb are no larger than the limb.
     fn carry(&mut self, c: usize, first: usize) {
-        let most = if c == 0 { f64::INFINITY } else { 1.3 * self.usual_radius(c) };
+        let most = if c == 0 { f64::INFINITY } else { CARRIED * self.usual_radius(c) };
         for (i, &k) in self.anatomy.chains[c].nodes.iter().enumerate() {
             let joint = self.owner[c][i];
             if joint >= first {
@@ -304,42 +365,60 @@ fn stem(role: Role, parent: &str) -> String {
     }
 }
 
-/// Places on a curve where `count` bones begin: the polyline that stays nearest to the curve and to usual proportions
-/// (dynamic programming over all places).
-fn bends(points: &[DVec3], count: usize) -> Vec<usize> {
-    let n = points.len();
-    let count = count.min(n / 2).max(1);
-    if count == 1 {
-        return vec![0];
+/// Usual places of a limb's bends, if its number of bones has any.
+fn proportions(role: Role, count: usize) -> Option<&'static [f64]> {
+    match role {
+        Role::Leg(0, rows) if rows > 1 && count == HIND.len() + 1 => Some(HIND),
+        _ => PROPORTIONS.get(count - 1).copied(),
     }
+}
+
+/// Way along a polyline \[point\].
+fn ways(points: &[DVec3]) -> Vec<f64> {
     let mut along = vec![0.0];
-    for w in points.windows(2) {
-        along.push(along[along.len() - 1] + w[0].distance(w[1]));
-    }
-    let whole = along[n - 1].max(1e-300);
-    let usual = |k: usize| match PROPORTIONS.get(count - 1) {
-        Some(shares) => shares[k - 1],
-        None => k as f64 / count as f64,
-    };
+    points.windows(2).for_each(|w| along.push(along[along.len() - 1] + w[0].distance(w[1])));
+    along
+}
+
+/// A polyline's points at equal shares of its length.
+fn resampled(points: &[DVec3]) -> Vec<DVec3> {
+    let along = ways(points);
+    let whole = along[along.len() - 1];
+    (0..=STEPS)
+        .map(|k| {
+            let s = whole * k as f64 / STEPS as f64;
+            let b = along.partition_point(|&a| a < s).clamp(1, points.len().max(2) - 1).min(points.len() - 1);
+            let a = b.saturating_sub(1);
+            let u = (s - along[a]) / (along[b] - along[a]).max(1e-300);
+            points[a].lerp(points[b], u.clamp(0.0, 1.0))
+        })
+        .collect()
+}
+
+/// Shares of their length at which the bones of curves begin: the polylines that stay nearest to the curves and to usual proportions
+/// (dynamic programming over all places). Partners bend at the same shares: one shows where the other, straight one has its knee.
+fn bends(curves: &[Vec<DVec3>], count: usize, usual: Option<&[f64]>) -> Vec<f64> {
+    let curves: Vec<(f64, Vec<DVec3>)> =
+        curves.iter().map(|c| (ways(c)[c.len() - 1].max(1e-300), resampled(c))).collect();
+    let share = |i: usize| i as f64 / STEPS as f64;
+    let usual = |k: usize| usual.map_or(k as f64 / count as f64, |shares| shares[k - 1]);
     let stray = |a: usize, b: usize| {
-        let d = (points[b] - points[a]).normalize_or_zero();
-        let off = |p: DVec3| (p - points[a]).reject_from_normalized(d).length_squared();
-        let step = ((b - a) / 16).max(1);
-        let (mut sum, mut m) = (0.0, 0);
-        for i in (a + 1..b).step_by(step) {
-            sum += off(points[i]);
-            m += 1;
-        }
-        (along[b] - along[a]) / whole * sum / f64::from(m.max(1)) / (STRAY * whole * 3.0).powi(2)
+        let of = |(whole, points): &(f64, Vec<DVec3>)| {
+            let d = (points[b] - points[a]).normalize_or_zero();
+            let off = |p: &DVec3| (*p - points[a]).reject_from_normalized(d).length_squared();
+            let between = &points[a + 1..b.max(a + 1)];
+            let mean = between.iter().map(off).sum::<f64>() / between.len().max(1) as f64;
+            (share(b) - share(a)) * mean / (STRAY * whole * 3.0).powi(2)
+        };
+        curves.iter().map(of).sum::<f64>() / curves.len() as f64
     };
     // best[k][i]: cheapest way to end bone k at place i.
-    let mut best = vec![vec![f64::INFINITY; n]; count + 1];
-    let mut from = vec![vec![0usize; n]; count + 1];
+    let mut best = vec![vec![f64::INFINITY; STEPS + 1]; count + 1];
+    let mut from = vec![vec![0usize; STEPS + 1]; count + 1];
     best[0][0] = 0.0;
     for k in 1..=count {
-        let ends = if k == count { n - 1..n } else { 1..n - 1 };
-        for i in ends {
-            let place = if k == count { 0.0 } else { ((along[i] / whole - usual(k)) / USUAL).powi(2) };
+        for i in if k == count { STEPS..STEPS + 1 } else { 1..STEPS } {
+            let place = if k == count { 0.0 } else { ((share(i) - usual(k)) / USUAL).powi(2) };
             for a in 0..i {
                 if best[k - 1][a] < f64::INFINITY {
                     let cost = best[k - 1][a] + stray(a, i) + place;
@@ -352,10 +431,10 @@ fn bends(points: &[DVec3], count: usize) -> Vec<usize> {
         }
     }
     let mut places = Vec::new();
-    let mut at = n - 1;
+    let mut at = STEPS;
     for k in (1..=count).rev() {
         at = from[k][at];
-        places.push(at);
+        places.push(share(at));
     }
     places.reverse();
     places

@@ -9,6 +9,7 @@ mod grid;
 mod joints;
 mod medial;
 mod names;
+mod pairs;
 mod solid;
 mod symmetry;
 mod tips;
@@ -79,7 +80,7 @@ fn placed(solid: &Solid, soup: &Soup, longest: f64, mirror: Option<&Mirror>, fin
     let tree = MedialTree::new(solid, longest, fineness, exact);
     let graph = Graph::new(&tree, longest);
     let anatomy = Anatomy::new(&graph, mirror, [soup.bounds[0].y, soup.bounds[1].y]);
-    let drafts = joints::joints(&graph, &anatomy, fineness);
+    let drafts = joints::joints(&graph, &anatomy, mirror, fineness);
     let sides = names::sides(&graph, &anatomy, &drafts, mirror);
     names::named(mirrored(drafts, &sides, exact), mirror.map(|m| m.normal.dot(anatomy.left)))
 }

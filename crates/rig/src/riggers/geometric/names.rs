@@ -4,6 +4,7 @@ use super::Placed;
 use super::anatomy::Anatomy;
 use super::chains::Graph;
 use super::joints::Draft;
+use super::pairs;
 use super::symmetry::Mirror;
 
 /// A limb lies beside the plane if its middle is farther from it than this share of its own radius there.
@@ -17,6 +18,8 @@ pub(crate) fn sides(graph: &Graph, anatomy: &Anatomy, drafts: &[Draft], mirror: 
         let inherited = draft.parent.map_or(0, |p| out[p]);
         let own = if draft.chain == 0 {
             0
+        } else if anatomy.partner[draft.chain].is_some() {
+            pairs::lean(graph, &anatomy.chains[draft.chain], mirror).signum() as i8
         } else {
             let nodes = &anatomy.chains[draft.chain].nodes;
             let node = nodes[nodes.len() / 2];

@@ -17,12 +17,13 @@ const SAMPLES: usize = 6000;
 /// Side of the boxes in which a sample's image must find the surface [longest side].
 const BOX: f64 = 0.02;
 
-/// Shares of samples that find the surface: of a symmetric pose, and of a symmetric body in another pose.
+/// Shares of samples that find the surface: of a symmetric pose, and of a symmetric body in another pose (with what an axis counts as).
 const EXACT: f64 = 0.985;
-const BODY: f64 = 0.55;
+const BODY: f64 = 0.6;
 
-/// Bodies stand along the axes more often than not: what this counts as, in shares of samples.
-const AXIS: f64 = 0.08;
+/// Bodies stand along the axes more often than not, and in mid-stride arms and legs look for a plane of their own: what an axis counts
+/// as, in shares of samples.
+const AXIS: f64 = 0.25;
 
 /// A plane of symmetry.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +57,7 @@ impl Mirror {
         (0..3).find(|&k| self.normal[k] == 1.0).map(|k| (k, self.offset))
     }
 
-    /// Finds the best plane; `None` where no plane maps half of the surface onto itself.
+    /// Finds the best plane; `None` where no plane maps much of the surface onto itself.
     pub fn find(soup: &Soup, longest: f64) -> Option<Self> {
         let points = samples(soup);
         let side = BOX * longest;
@@ -91,9 +92,8 @@ impl Mirror {
                 }
             }
         }
-        let (_, mirror) = best?;
-        let share = score(&mirror, 1);
-        (share > BODY).then_some(Mirror { exact: share > EXACT, ..mirror })
+        let (likely, mirror) = best?;
+        (likely > BODY).then_some(Mirror { exact: score(&mirror, 1) > EXACT, ..mirror })
     }
 }
 

@@ -1,4 +1,7 @@
 //! Motions → glTF animations: one shared input per clip, only channels that move, continuous unit quaternions.
+//!
+//! What moves in one of several clips has a channel in all of them: where a player goes from clip to clip, nothing stays as the
+//! clip before left it (Blender's actions, Unity's and Unreal's layers).
 
 use super::ExportOptions;
 use super::bin::{Output, Use, array, push};
@@ -21,13 +24,14 @@ pub(super) fn add(
     let mut old = if options.keep_clips { array(&mut out.json, "animations").clone() } else { Vec::new() };
     let mut names: Vec<String> = old.iter().filter_map(|a| a["name"].as_str().map(String::from)).collect();
     let mut animations = Vec::new();
+    let moved: Vec<Moves> = (0..node_of_joint.len()).map(|j| moves_in_any(asset, j, motions)).collect();
     for motion in motions {
         let name = unique(&motion.name, &mut names);
-        animations.extend(animation(out, asset, node_of_joint, motion, &name));
+        animations.extend(animation(out, asset, node_of_joint, motion, &moved, &name));
     }
     let added: Vec<usize> = (0..node_of_joint.len()).filter(|&j| asset.rig.skeleton.joints[j].node.is_none()).collect();
     for (clip, motion) in old.iter_mut().zip(&options.kept) {
-        channels(out, asset, node_of_joint, motion, &added, clip);
+        channels(out, asset, node_of_joint, motion, &added, &[], clip);
     }
     animations.extend(old);
     out.json["animations"] = Value::Array(animations);
@@ -47,22 +51,44 @@ pub(super) fn times(motion: &Motion) -> Vec<[f32; 1]> {
     (0..motion.poses.len()).map(|k| [(k as f64 / motion.fps) as f32]).collect()
 }
 
-/// Adds the channels of those of `joints` that move; returns the accessor of the times, if there were any.
+/// Whether translation, rotation and scale of a joint move.
+type Moves = [bool; 3];
+
+fn moves_in_any(asset: &Asset, j: usize, motions: &[Motion]) -> Moves {
+    let rest = asset.rig.skeleton.joints[j].rest;
+    motions.iter().fold([false; 3], |[t, r, s], motion| {
+        let locals = || motion.poses.iter().map(|p| p.locals[j]);
+        [
+            t || moving(rest.translation, locals().map(|l| l.translation)).is_some(),
+            r || turning(rest.rotation, locals().map(|l| l.rotation)).is_some(),
+            s || moving(rest.scale, locals().map(|l| l.scale)).is_some(),
+        ]
+    })
+}
+
+/// Adds the channels of those of `joints` that move, here or as `moved` says of each joint, if it says anything; returns the accessor
+/// of the times, if there were any.
 fn channels(
     out: &mut Output,
     asset: &Asset,
     node_of_joint: &[usize],
     motion: &Motion,
     joints: &[usize],
+    moved: &[Moves],
     animation: &mut Value,
 ) -> Option<usize> {
     let mut input = None;
     for &j in joints {
         let joint = &asset.rig.skeleton.joints[j];
         let locals: Vec<&Transform> = motion.poses.iter().map(|p| &p.locals[j]).collect();
-        let translations = moving(joint.rest.translation, locals.iter().map(|l| l.translation));
-        let rotations = turning(joint.rest.rotation, locals.iter().map(|l| l.rotation));
-        let scales = moving(joint.rest.scale, locals.iter().map(|l| l.scale));
+        let [t, r, s] = moved.get(j).copied().unwrap_or_default();
+        let still = |moves: bool, rest: DVec3| moves.then(|| vec![rest.as_vec3().to_array(); locals.len()]);
+        let upright =
+            |moves: bool| moves.then(|| vec![joint.rest.rotation.as_quat().normalize().to_array(); locals.len()]);
+        let translations = moving(joint.rest.translation, locals.iter().map(|l| l.translation))
+            .or_else(|| still(t, joint.rest.translation));
+        let rotations = turning(joint.rest.rotation, locals.iter().map(|l| l.rotation)).or_else(|| upright(r));
+        let scales = moving(joint.rest.scale, locals.iter().map(|l| l.scale)).or_else(|| still(s, joint.rest.scale));
         if translations.is_none() && rotations.is_none() && scales.is_none() {
             continue;
         }
@@ -84,11 +110,18 @@ fn channels(
     input
 }
 
-fn animation(out: &mut Output, asset: &Asset, node_of_joint: &[usize], motion: &Motion, name: &str) -> Option<Value> {
+fn animation(
+    out: &mut Output,
+    asset: &Asset,
+    node_of_joint: &[usize],
+    motion: &Motion,
+    moved: &[Moves],
+    name: &str,
+) -> Option<Value> {
     let times = times(motion);
     let mut animation = json!({ "name": name, "channels": [], "samplers": [] });
     let all: Vec<usize> = (0..node_of_joint.len()).collect();
-    let input = channels(out, asset, node_of_joint, motion, &all, &mut animation);
+    let input = channels(out, asset, node_of_joint, motion, &all, moved, &mut animation);
     if input.is_none() {
         // An animation must have a channel: a motion that stands still holds its first joint.
         let rest = asset.rig.skeleton.joints.first()?.rest;

@@ -1,0 +1,150 @@
+use super::Command;
+use crate::bar::Bar;
+use crate::{Cli, Common, config, out};
+use animimic::batch::{Named, News, Shard, State, Summary, batch};
+use animimic::Event;
+use anyhow::{Context, bail};
+use clap::{CommandFactory, Parser};
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+#[derive(clap::Args)]
+pub struct Batch {
+    /// The list: TOML with one [[job]] each (name, model, videos and options as of `animimic animate`), and [defaults] for all
+    jobs_file: PathBuf,
+    /// Folder for the results, one folder per job in it [default: beside the list, with its name]
+    #[arg(short, long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Jobs at a time; each has an equal share of the threads
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    jobs: usize,
+    /// Do only the job of that name; several may be given
+    #[arg(long, value_name = "NAME")]
+    only: Vec<String>,
+    /// Do only part I of N of the jobs, dealt out in turn
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Do all anew, finished jobs too
+    #[arg(long)]
+    again: bool,
+}
+
+impl Batch {
+    pub fn run(&self, common: &Common) -> anyhow::Result<()> {
+        let folder = self.out.clone().unwrap_or_else(|| self.jobs_file.with_extension(""));
+        let all = self.read(&folder, common).with_context(|| self.jobs_file.display().to_string())?;
+        let jobs = self.chosen(&all)?;
+        let mut bar = Bar::new(common);
+        let mut over = 0;
+        let summary = batch(&jobs, self.jobs, common.threads, &mut |news| {
+            if let News::Ended(_) = news {
+                over += 1;
+            }
+            bar.on_event(shown(news, over, jobs.len()))
+        })?;
+        drop(bar);
+        self.tell(&summary, &folder, jobs.len() == all.len(), common)
+    }
+
+    /// All jobs of the list.
+    fn read(&self, folder: &Path, common: &Common) -> anyhow::Result<Vec<Named>> {
+        let mut list = config::read(&self.jobs_file)?;
+        let defaults = match list.remove("defaults") {
+            None => Table::new(),
+            Some(Value::Table(table)) => table,
+            Some(_) => bail!("defaults is a table: write [defaults]"),
+        };
+        let jobs = match list.remove("job") {
+            Some(Value::Array(jobs)) if !jobs.is_empty() => jobs,
+            _ => bail!("there is no job in it: write [[job]] with name, model and videos"),
+        };
+        if let Some(key) = list.keys().next() {
+            bail!("{key} is neither [defaults] nor [[job]]");
+        }
+        let base = self.jobs_file.parent().unwrap_or(Path::new(""));
+        jobs.into_iter()
+            .enumerate()
+            .map(|(k, job)| {
+                let Value::Table(job) = job else { bail!("job {} is no table: write [[job]]", k + 1) };
+                let table: Table = defaults.clone().into_iter().chain(job).collect();
+                self.job(table, base, folder, common).with_context(|| format!("job {}", k + 1))
+            })
+            .collect()
+    }
+
+    /// One job: its table is read as the command line of `animate`.
+    fn job(&self, mut table: Table, base: &Path, folder: &Path, common: &Common) -> anyhow::Result<Named> {
+        let name = match table.remove("name") {
+            Some(Value::String(name)) if is_folder_name(&name) => name,
+            Some(_) => bail!("its name is no name of a folder: use letters, digits, - and _"),
+            None => bail!("it has no name"),
+        };
+        let own_out = table.contains_key("out");
+        table.entry("out").or_insert_with(|| Value::String(String::new()));
+        table.entry("seed").or_insert_with(|| Value::Integer(common.seed as i64));
+        if let Some(key) = ["threads", "quiet", "json", "resume"].iter().find(|k| table.contains_key(**k)) {
+            bail!("{name}: {key} is of the whole batch: give it on the command line");
+        }
+        let mut cli = Cli::command();
+        cli.build();
+        let animate = cli.find_subcommand("animate").context("the program has no animate")?;
+        let words = config::words(animate, &table, base, None).with_context(|| name.clone())?;
+        let parsed = Cli::try_parse_from(words).map_err(|e| {
+            let text = e.to_string();
+            anyhow::anyhow!("{name}: {}", text.lines().next().unwrap_or_default().trim_start_matches("error: "))
+        })?;
+        let Command::Animate(animate) = parsed.command else { bail!("{name}: it is no job of animate") };
+        let mut job = animate.job(&parsed.common);
+        if !own_out {
+            job.out = folder.join(&name);
+        }
+        job.resume = !self.again;
+        Ok(Named { name, job })
+    }
+
+    /// The jobs that were asked for.
+    fn chosen(&self, all: &[Named]) -> anyhow::Result<Vec<Named>> {
+        if let Some(name) = self.only.iter().find(|n| !all.iter().any(|j| j.name == **n)) {
+            let known: Vec<&str> = all.iter().map(|j| j.name.as_str()).collect();
+            bail!("{}: no job is called {name}; there are {}", self.jobs_file.display(), known.join(", "));
+        }
+        let meant = |(place, job): &(usize, &Named)| {
+            self.shard.is_none_or(|s| s.has(*place)) && (self.only.is_empty() || self.only.contains(&job.name))
+        };
+        Ok(all.iter().enumerate().filter(meant).map(|(_, job)| job.clone()).collect())
+    }
+
+    /// Prints the summary, and writes it where it is of the whole list.
+    fn tell(&self, summary: &Summary, folder: &Path, whole: bool, common: &Common) -> anyhow::Result<()> {
+        let json = summary.to_json();
+        if whole && !summary.stopped && folder.is_dir() {
+            let text = serde_json::to_string_pretty(&json)? + "\n";
+            let write = |w: &mut std::io::BufWriter<std::fs::File>| std::io::Write::write_all(w, text.as_bytes());
+            animimic::scene::io::write_atomically(folder.join("summary.json"), write)?;
+        }
+        out::print(common, &json, || summary.table())?;
+        if summary.stopped {
+            bail!("stopped on request, and what is done is kept; the same command goes on");
+        }
+        let failed = summary.failed();
+        if !failed.is_empty() {
+            bail!("{} of {} jobs failed: {}", failed.len(), summary.rows.len(), failed.join(", "));
+        }
+        Ok(())
+    }
+}
+
+/// A batch's news for the bar, which shows the whole batch; warnings are named after their job.
+fn shown(news: &News, over: usize, of: usize) -> Event {
+    match news {
+        News::Told(name, Event::Warning(text)) => Event::Warning(format!("{name}: {text}")),
+        News::Ended(row) if row.state == State::Failed => {
+            Event::Warning(format!("{} failed: {}", row.name, row.error.as_deref().unwrap_or_default()))
+        }
+        _ => Event::Step { done: over as f64 / of.max(1) as f64, loss: None },
+    }
+}
+
+fn is_folder_name(name: &str) -> bool {
+    !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c)) && !name.starts_with('.')
+}

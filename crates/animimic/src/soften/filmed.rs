@@ -1,0 +1,193 @@
+//! Soft tissue for clips with their videos: the material is learnt from them, and they decide where the soft surface stays.
+
+use super::body::{self, Softened};
+use super::softness::{DENSITY, POISSON};
+use crate::Error;
+use crate::animate::motion::Scene;
+use crate::event::{Event, Progress, tell};
+use crate::pictures::background_picture;
+use animimic_fit::FitError;
+use animimic_fit::soft::learn::{Learnt, Verdict, Watched, Wish, judge, learn};
+use animimic_fit::soft::seen::energy;
+use animimic_fit::soft::{Settings, Stepping, Tissue};
+use animimic_fit::stage1::solve::Stage;
+use animimic_fit::stage1::subject::Subject;
+use animimic_fit::stage1::{self, Input};
+use animimic_render::Light;
+use animimic_scene::{Asset, Image, Motion, Trajectory};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+/// A clip, and the video that shows it.
+pub(crate) struct Filmed<'a> {
+    pub scene: Scene<'a>,
+    pub motion: &'a Motion,
+}
+
+/// What is asked for.
+#[derive(Clone, Debug)]
+pub(crate) struct Ask {
+    /// How tissue is made.
+    pub settings: Settings,
+    /// Young's modulus that flesh is taken to have [Pa].
+    pub young: f64,
+}
+
+/// What was made of the clips.
+pub(crate) struct Outcome {
+    /// Each clip with its surface: where the frames do not speak for the soft one, the skinned one.
+    pub clips: Vec<Softened>,
+    /// Each clip's soft surface \[frame\]\[vertex\], also where it is not kept: to be looked at.
+    pub shown: Vec<Vec<Vec<DVec3>>>,
+    /// Where the frames speak for the soft surface: its trajectory.
+    pub trajectories: Vec<Option<Trajectory>>,
+    /// What each clip's frames said.
+    pub reports: Vec<Value>,
+    /// What was learnt of the material.
+    pub material: Value,
+}
+
+/// Deviations below this share of the prior's are called learnt.
+const LEARNT: f64 = 0.5;
+
+/// Learns the material that the clips share and gives them soft tissue. Motions and videos are those of `solved`, the model or its
+/// stand-in; surfaces are those of `asset`.
+pub(crate) fn refine(
+    asset: &Asset,
+    solved: &Asset,
+    filmed: &[Filmed],
+    ask: &Ask,
+    progress: &mut Progress,
+) -> Result<Outcome, Error> {
+    let subject = Subject::new(solved)?;
+    let backgrounds: Vec<Vec<Image>> = filmed.iter().map(backgrounds).collect();
+    let inputs: Vec<Input> = filmed.iter().zip(&backgrounds).map(|(f, b)| f.scene.input(b)).collect();
+    let lights: Vec<Light> = inputs.iter().map(|i| stage1::first_light(i, &subject)).collect::<Result<_, _>>()?;
+    let settings = stage1::Settings::default;
+    let stages: Vec<Stage> =
+        inputs.iter().zip(&lights).map(|(i, l)| stage1::stage(i, &subject, l, settings())).collect();
+    let watched: Vec<Watched> = (filmed.iter().zip(&stages))
+        .map(|(f, stage)| Watched { stage, poses: &f.motion.poses, fps: f.motion.fps })
+        .collect();
+    tell(progress, Event::Stage { name: "stiffness" })?;
+    let wish = Wish { young: ask.young, poisson: POISSON, density: DENSITY, ..Wish::default() };
+    let mut go_on = |done: f64| tell(progress, Event::Step { done, loss: None }).map_err(|_| FitError::Stopped);
+    let learnt = learn(solved, &ask.settings, &wish, &watched, &mut go_on)?;
+    tell(progress, Event::Stage { name: "soft tissue" })?;
+    let tissue = Tissue::new(solved, &learnt.settings)?;
+    let dense = if std::ptr::eq(asset, solved) { None } else { Some(Tissue::new(asset, &learnt.settings)?) };
+    let mut out = Outcome {
+        clips: Vec::new(),
+        shown: Vec::new(),
+        trajectories: Vec::new(),
+        reports: Vec::new(),
+        material: material(solved, &learnt),
+    };
+    for watched in &watched {
+        let one = clip(&tissue, dense.as_ref(), &learnt, watched, &filmed[out.clips.len()].motion.name)?;
+        out.trajectories.push(one.kept.then(|| one.softened.refined().trajectory).flatten());
+        out.reports.push(one.report);
+        out.shown.push(one.shown);
+        out.clips.push(one.softened);
+    }
+    Ok(out)
+}
+
+fn backgrounds(filmed: &Filmed) -> Vec<Image> {
+    let frames = &filmed.scene.video.frames;
+    let of = |t: usize| background_picture(filmed.scene.background, &frames[t], t);
+    (0..frames.len()).into_par_iter().map(of).collect()
+}
+
+/// One clip, its surface and whether it stays.
+struct Clip {
+    softened: Softened,
+    shown: Vec<Vec<DVec3>>,
+    kept: bool,
+    report: Value,
+}
+
+fn clip(
+    tissue: &Tissue,
+    dense: Option<&Tissue>,
+    learnt: &Learnt,
+    watched: &Watched,
+    name: &str,
+) -> Result<Clip, Error> {
+    let motion = Motion { name: name.into(), fps: watched.fps, poses: watched.poses.to_vec() };
+    let simulate = |tissue: &Tissue| body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), &motion);
+    let mut softened = simulate(tissue)?;
+    let verdict = judge(tissue.asset, &learnt.groups, watched.stage, &softened.skinned, &softened.soft);
+    let mut shown = softened.soft.clone();
+    let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| soft <= skinned).collect();
+    softened.blend(&shares(tissue.asset, learnt, &soft));
+    softened.uncross(tissue);
+    let last = energy(watched.stage, &softened.soft);
+    let kept = soft.contains(&true) && last <= verdict.energies[0];
+    if let Some(dense) = dense {
+        softened = simulate(dense)?;
+        shown.clone_from(&softened.soft);
+        softened.blend(&shares(dense.asset, learnt, &soft));
+        softened.uncross(dense);
+    }
+    let mut report = softened.to_json(dense.unwrap_or(tissue).asset.mesh.diagonal());
+    if kept {
+        shown.clone_from(&softened.soft);
+    } else {
+        softened.soft.clone_from(&softened.skinned);
+    }
+    words(&mut report, tissue.asset, learnt, &verdict, &soft, (last, kept));
+    Ok(Clip { softened, shown, kept, report })
+}
+
+/// What the frames said, beside what the simulation did.
+fn words(report: &mut Value, asset: &Asset, learnt: &Learnt, verdict: &Verdict, soft: &[bool], end: (f64, bool)) {
+    let (last, kept) = end;
+    let name = |g: usize| asset.rig.skeleton.joints[learnt.groups.joints[g]].name.clone();
+    let held: Vec<String> = (0..soft.len()).filter(|&g| !soft[g]).map(name).collect();
+    let change = 100.0 * (last / verdict.energies[0].max(f64::MIN_POSITIVE) - 1.0);
+    report["kept"] = kept.into();
+    report["energy_skinned"] = verdict.energies[0].into();
+    report["energy_soft"] = verdict.energies[1].into();
+    report["energy"] = if kept { last } else { verdict.energies[0] }.into();
+    report["skinned_by_evidence"] = held.into();
+    report["verdict"] = match (kept, soft.contains(&true)) {
+        (true, _) => format!("soft: the frames are explained better, by {:.1} % of the energy", -change),
+        (false, true) => format!("skinned: soft, the frames would be explained worse, by {change:.1} % of the energy"),
+        (false, false) => "skinned: the frames speak against softness everywhere".into(),
+    }
+    .into();
+}
+
+/// Share of softness of each vertex: what of its weight belongs to groups that stay soft.
+fn shares(asset: &Asset, learnt: &Learnt, soft: &[bool]) -> Vec<f64> {
+    let skin = &asset.rig.skin;
+    let stays = |slot: u32| soft[learnt.groups.of_joint[skin.slots[slot as usize].joint] as usize];
+    let one = |i: &Vec<animimic_scene::Influence>| -> f64 {
+        i.iter().filter(|i| stays(i.slot)).map(|i| i.weight).sum::<f64>().clamp(0.0, 1.0)
+    };
+    skin.influences.iter().map(one).collect()
+}
+
+/// What was learnt, by group of flesh.
+fn material(asset: &Asset, learnt: &Learnt) -> Value {
+    let joints = &asset.rig.skeleton.joints;
+    let group = |g: usize| {
+        let own = (0..joints.len()).filter(|&j| learnt.groups.of_joint[j] as usize == g);
+        json!({
+            "group": joints[learnt.groups.joints[g]].name, "cluster": learnt.clusters[g],
+            "joints": own.map(|j| joints[j].name.as_str()).collect::<Vec<_>>(),
+            "young": learnt.ln_youngs[g].exp(), "ln_young_deviation": learnt.deviations[g],
+            "learnt": learnt.deviations[g] < LEARNT * learnt.wish.deviation,
+        })
+    };
+    json!({
+        "prior_young": learnt.wish.young, "prior_ln_deviation": learnt.wish.deviation,
+        "size_m": learnt.settings.size_m,
+        "loose": learnt.settings.loose.iter().map(|&j| joints[j].name.as_str()).collect::<Vec<_>>(),
+        "clusters": learnt.clusters.iter().max().map_or(0, |c| c + 1),
+        "groups": (0..learnt.groups.joints.len()).map(group).collect::<Vec<_>>(),
+        "energy_first": learnt.energies[0], "energy_last": learnt.energies[1],
+    })
+}
