@@ -34,6 +34,11 @@ pub fn motion(job: &Job, name: &str, seen: &Key) -> Key {
     seen.clone().and("motion").and((name, job.preset, job.seed))
 }
 
+/// The soft tissue of all takes.
+pub fn soft(job: &Job, motions: &[Key]) -> Key {
+    motions.iter().fold(Key::new("soft").and(&job.flesh), |key, m| key.and(m))
+}
+
 /// All files of the job.
 pub fn whole(job: &Job, motions: &[Key]) -> Key {
     let model = job.model.file_name().map(PathBuf::from);

@@ -185,7 +185,10 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     }
     let material = match job.stage {
         Stage::Pose => serde_json::Value::Null,
-        Stage::Soft => clock.time("soft tissue", || soft::refine(job, model, &mut takes, progress))?,
+        Stage::Soft => {
+            let key = keys::soft(job, &motions);
+            clock.time("soft tissue", || soft::refine(job, run, &key, model, &mut takes, progress))?
+        }
     };
     let mut clips = Vec::new();
     for take in &takes {
