@@ -25,6 +25,7 @@ fn list(folder: &Path) -> PathBuf {
         camera = "camera.json"
         height = 96
         frames = "0..4"
+        stage = "pose"
 
         [[job]]
         name = "short"
@@ -78,7 +79,8 @@ fn jobs_are_done_once_one_or_two_at_a_time_and_each_as_animate_does_it() {
     assert_eq!(states(&done(&mut batch(&list, &two, &["--jobs", "2"]))), all("done"));
     assert_same_jobs(&two, &one, "two at a time");
     let alone = folder.path().join("alone");
-    let mut command = animimic(&["animate", "--frames", "0..4", "--height", "64", "--clip", "dance", "-q", "-o"]);
+    let mut command =
+        animimic(&["animate", "--frames", "0..4", "--height", "64", "--clip", "dance", "--stage", "pose", "-q", "-o"]);
     command.arg(&alone).arg("--camera").arg(example("camera.json"));
     done(command.arg(example("creature.glb")).arg(example("creature.mp4")));
     assert_same(&results(&alone), &results(&one.join("small")), "alone");

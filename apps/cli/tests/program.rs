@@ -215,7 +215,7 @@ fn one_thread_and_two_give_the_same_files() {
     let names: Vec<&str> = one.iter().map(|f| f.0.as_str()).collect();
     assert_eq!(
         names,
-        ["animated.glb", "camera.json", "contact_sheet.png", "report.json", "residuals.mp4", "views.mp4"]
+        ["animated.glb", "camera.json", "contact_sheet.png", "report.json", "residuals.mp4", "soft.glb", "views.mp4"]
     );
     for (a, b) in one.iter().zip(&two) {
         println!("{} {} bytes", a.0, a.1.len());

@@ -61,11 +61,12 @@ fn killed_again_and_again_in_one_folder_it_still_arrives() {
     let folder = tempfile::tempdir().unwrap();
     let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));
     let begin = Instant::now();
-    done(&mut animate(&whole, &[]));
+    // Soft tissue is one step, longer than a slice.
+    done(&mut animate(&whole, &["--stage", "pose"]));
     let slice = begin.elapsed() / 2;
     let mut rounds = 0;
     loop {
-        let mut child = start(&mut animate(&out, &["--resume"]));
+        let mut child = start(&mut animate(&out, &["--stage", "pose", "--resume"]));
         // Half the time of a whole run each, so that it must go on where it was.
         let end = Instant::now() + slice;
         while Instant::now() < end && child.try_wait().unwrap().is_none() {
@@ -139,13 +140,14 @@ fn assert_nothing_half_written(out: &Path, expected: &[(String, Vec<u8>)]) {
 fn where_files_may_not_grow_the_error_names_the_file_and_nothing_is_left_half_written() {
     let folder = tempfile::tempdir().unwrap();
     let whole = folder.path().join("whole");
-    done(&mut animate(&whole, &[]));
+    // What is kept of soft tissue is larger than every result, so that no limit would fall between.
+    done(&mut animate(&whole, &["--stage", "pose"]));
     let expected = results(&whole);
     let largest = expected.iter().map(|f| f.1.len()).max().unwrap();
     let (mut said, out) = (Vec::new(), folder.path().join("out"));
     // Blocks of 512 bytes: room for a lock, for every step of the fit, for all but the largest result.
     for blocks in [1, 128, largest / 512 - 1] {
-        let inner = format!("{:?}", animate(&out, &["--resume"])).replace('"', "'");
+        let inner = format!("{:?}", animate(&out, &["--stage", "pose", "--resume"])).replace('"', "'");
         let limited = format!("trap '' XFSZ; ulimit -f {blocks}; exec {inner}");
         // POSIX counts in 512 bytes; bash does so only when asked.
         let ended = Command::new("sh").env("POSIXLY_CORRECT", "1").args(["-c", &limited]).output().unwrap();
@@ -158,7 +160,7 @@ fn where_files_may_not_grow_the_error_names_the_file_and_nothing_is_left_half_wr
     }
     said.dedup();
     assert_eq!(said.len(), 3, "each limit stops another file");
-    done(&mut animate(&out, &["--resume"]));
+    done(&mut animate(&out, &["--stage", "pose", "--resume"]));
     assert_same(&results(&out), &expected, "with room again");
 }
 

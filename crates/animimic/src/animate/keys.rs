@@ -23,6 +23,7 @@ pub fn seen(job: &Job, index: usize, model: &Key, video: &Video) -> Result<Key, 
             key = key.and(what).and_path(path)?;
         }
     }
+    key = key.and(job.depth_kind);
     match &job.camera {
         CameraChoice::File(path) => key.and("camera").and_path(path),
         choice => Ok(key.and(choice)),
@@ -32,6 +33,11 @@ pub fn seen(job: &Job, index: usize, model: &Key, video: &Video) -> Result<Key, 
 /// The motion that is found in it.
 pub fn motion(job: &Job, name: &str, seen: &Key) -> Key {
     seen.clone().and("motion").and((name, job.preset, job.seed))
+}
+
+/// The soft tissue of all takes.
+pub fn soft(job: &Job, motions: &[Key]) -> Key {
+    motions.iter().fold(Key::new("soft").and(&job.flesh), |key, m| key.and(m))
 }
 
 /// All files of the job.

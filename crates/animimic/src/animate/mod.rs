@@ -185,7 +185,10 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     }
     let material = match job.stage {
         Stage::Pose => serde_json::Value::Null,
-        Stage::Soft => clock.time("soft tissue", || soft::refine(job, model, &mut takes, progress))?,
+        Stage::Soft => {
+            let key = keys::soft(job, &motions);
+            clock.time("soft tissue", || soft::refine(job, run, &key, model, &mut takes, progress))?
+        }
     };
     let mut clips = Vec::new();
     for take in &takes {
@@ -298,6 +301,7 @@ fn see(
         masks: job.masks.get(index).map(PathBuf::as_path),
         tracks: job.tracks.get(index).map(PathBuf::as_path),
         depth: job.depth.get(index).map(PathBuf::as_path),
+        depth_kind: job.depth_kind,
     };
     let mut found = clock.time("masks", || crate::cues::find(video, &given))?;
     tell(progress, Event::Stage { name: "camera" })?;

@@ -1,6 +1,6 @@
 //! What a run says about itself: `report.json`.
 
-use super::{Job, PartCertainty, Stage, Take, certainty};
+use super::{Job, PartCertainty, Take, certainty};
 use crate::{Evaluation, Physics};
 use animimic_scene::{Asset, Mask, Skeleton};
 use serde::{Deserialize, Serialize};
@@ -87,12 +87,6 @@ impl Report {
             "preset": job.preset.name(),
             "frames": job.frames.as_ref().map(|f| [f.start, f.end]),
         });
-        options["stage"] = job.stage.name().into();
-        if job.stage == Stage::Soft {
-            let f = &job.flesh;
-            options["flesh"] =
-                serde_json::json!({"tets": f.tets, "size_m": f.size_m, "young": f.young, "loose": f.loose});
-        }
         if job.physics != Physics::default() {
             options["physics"] = job.physics.name().into();
         }

@@ -184,7 +184,7 @@ fn material(asset: &Asset, learnt: &Learnt) -> Value {
     };
     json!({
         "prior_young": learnt.wish.young, "prior_ln_deviation": learnt.wish.deviation,
-        "size_m": learnt.settings.size_m,
+        "size_m": learnt.settings.size_m, "tets": learnt.settings.tets, "roots_held": learnt.settings.held_roots,
         "loose": learnt.settings.loose.iter().map(|&j| joints[j].name.as_str()).collect::<Vec<_>>(),
         "clusters": learnt.clusters.iter().max().map_or(0, |c| c + 1),
         "groups": (0..learnt.groups.joints.len()).map(group).collect::<Vec<_>>(),
