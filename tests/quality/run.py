@@ -8,6 +8,7 @@
     --out DIR       where results go (default: out/quality in the repository)
     --true-masks    give the masks of the truth instead of letting the program find its own
     --true-cues     give tracks and depth of the truth too: what the fit makes of perfect cues (median MPJPE <= 0.7 %)
+    --no-rig        give the mesh alone: the program makes the skeleton (judged by vertices and silhouettes; joints are not comparable)
     --auto-camera   let the program find the camera instead of giving camera.json (no gates on errors then: scale is free)
     --real          also data/real (fish, crocodile), preset camera, scored against masks.npz
     --reuse         score what is in --out already, run nothing
@@ -88,7 +89,7 @@ def truth_case(judge, program, case, out, args):
     import true_cues
     camera = json.loads((case / "camera.json").read_text())
     given = "auto" if args.auto_camera else str(case / "camera.json")
-    command = [program, "animate", str(case / "static.glb"), str(case / "video.mp4"), "-o", str(out), "--camera", given]
+    command = [program, "animate", str(case / ("static_norig.glb" if args.no_rig else "static.glb")), str(case / "video.mp4"), "-o", str(out), "--camera", given]
     if args.true_masks:
         command += ["--mask", str(case / "masks.npz")]
     if args.true_cues:
@@ -161,6 +162,7 @@ def main():
     ap.add_argument("--out", type=Path, default=ROOT / "out" / "quality")
     ap.add_argument("--true-masks", action="store_true")
     ap.add_argument("--true-cues", action="store_true")
+    ap.add_argument("--no-rig", action="store_true")
     ap.add_argument("--auto-camera", action="store_true")
     ap.add_argument("--real", action="store_true")
     ap.add_argument("--real-camera", default="preset:puppeteer:front")

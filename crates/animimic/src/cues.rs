@@ -1,8 +1,8 @@
-//! Cues of a video as files: `masks.npz` and `tracks.npz` for programs, `overlay.mp4` to look at.
+//! Cues of a video as files: masks, tracks and depth for programs, `overlay.mp4` to look at.
 
 use crate::Error;
 use crate::event::{Event, Progress, tell};
-use animimic_scene::{Image, Mask, Video};
+use animimic_scene::{DepthKind, Image, Mask, Video};
 use animimic_video::cues;
 use animimic_video::cues::providers::{
     DepthFiles, FlowTracks, Found, MaskFiles, PlainMasks, Provider, SilhouetteMasks, Sources, TrackFiles,
@@ -11,13 +11,26 @@ use animimic_video::cues::providers::{
 use animimic_video::flow::{FlowOptions, Gray, dis};
 use std::path::Path;
 
-/// Finds masks and tracks of a video and writes `masks.npz`, `tracks.npz` and `overlay.mp4`; returns statistics.
+/// How masks and depth are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Form {
+    /// One NumPy archive for all frames: `masks.npz`, `depth.npz`.
+    #[default]
+    Npz,
+    /// A folder of numbered PNGs: `masks/` (8 bits), `depth/` (16 bits, scaled to the largest value).
+    Png,
+}
+
+/// Finds the cues of a video, or takes them from files of other programs, and writes masks, tracks, depth (where given) and `overlay.mp4`;
+/// returns statistics.
 ///
 /// # Errors
-/// Unreadable video, unwritable folder, or a stop.
+/// Unreadable video or files, files for another number of frames, unwritable folder, or a stop.
 pub fn write(
     video: &Path,
     height_px: usize,
+    given: &Given,
+    form: Form,
     folder: &Path,
     progress: &mut Progress,
 ) -> Result<serde_json::Value, Error> {
@@ -28,24 +41,27 @@ pub fn write(
         tell(progress, Event::Warning(warning.clone()))?;
     }
     tell(progress, Event::Stage { name: "masks" })?;
-    let mut found = Found::default();
-    let sources = Sources::new(&video);
-    PlainMasks.provide(&sources, &mut found)?;
+    let mut found = find(&video, given)?;
     tell(progress, Event::Stage { name: "tracks" })?;
-    FlowTracks.provide(&sources, &mut found)?;
-    let tracks = &found.cues.tracks;
+    if given.tracks.is_none() {
+        FlowTracks.provide(&Sources::new(&video), &mut found)?;
+    }
     tell(progress, Event::Stage { name: "writing" })?;
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-    cues::write_masks(&folder.join("masks.npz"), &found.cues.masks)?;
+    let place = |name: &str| folder.join(if form == Form::Npz { format!("{name}.npz") } else { name.to_owned() });
+    cues::write_masks(&place("masks"), &found.cues.masks)?;
     // Files hold pixels of the video's own size, whatever size was worked at.
-    let working_size = (video.frames[0].width, video.frames[0].height);
+    let (tracks, working_size) = (&found.cues.tracks, (video.frames[0].width, video.frames[0].height));
     cues::write_tracks(&folder.join("tracks.npz"), &resized_tracks(tracks, working_size, video.native_size))?;
+    if !found.cues.depth.is_empty() {
+        cues::write_depth(&place("depth"), &found.cues.depth, found.cues.depth_kind)?;
+    }
     let seen = tracks.confidence.iter().flatten().filter(|c| **c > 0.0).count();
     let confidence = found.mask_confidence.iter().copied().fold(1.0, f32::min);
     let statistics = serde_json::json!({
         "frames": video.frames.len(), "fps": video.fps,
         "points": tracks.query_frame.len(), "points_per_frame": seen as f64 / video.frames.len() as f64,
-        "mask_confidence_min": confidence,
+        "mask_confidence_min": confidence, "depth_maps": found.cues.depth.len(),
     });
     let mut frames = cues::overlay(&video, &found.cues).into_iter();
     animimic_video::write_mp4(&folder.join("overlay.mp4"), &mut frames, video.fps)?;
@@ -66,6 +82,8 @@ pub struct Given<'a> {
     pub tracks: Option<&'a Path>,
     /// Depth made elsewhere.
     pub depth: Option<&'a Path>,
+    /// What that depth means, where its file does not say so or is wrong.
+    pub depth_kind: Option<DepthKind>,
 }
 
 /// Cues of a video for the main job: files where given, else masks on a plain background.
@@ -83,7 +101,7 @@ pub fn find(video: &Video, given: &Given) -> Result<Found, Error> {
         TrackFiles.provide(&sources(given.tracks), &mut found)?;
     }
     if given.depth.is_some() {
-        DepthFiles.provide(&sources(given.depth), &mut found)?;
+        DepthFiles.provide(&Sources { depth_kind: given.depth_kind, ..sources(given.depth) }, &mut found)?;
     }
     Ok(found)
 }

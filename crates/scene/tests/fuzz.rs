@@ -1,6 +1,6 @@
 //! Seeded mutations of every file that is read here: no panic, no hang, less than a gibibyte, and what is accepted is sound.
 //!
-//! With `video/tests/fuzz.rs` and `animimic/tests/fuzz.rs` over 20 000 cases. What once failed stands as a test of its own, with its bytes.
+//! With `video/tests/fuzz.rs` over 40 000 cases. What once failed stands as a test of its own, with its bytes.
 #![allow(clippy::unwrap_used)]
 
 mod common;

@@ -4,6 +4,7 @@ use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::camera::CameraChoice;
 use animimic::rigging::RigChoice;
+use animimic::scene::DepthKind;
 use animimic::{Error, Job, Preset, Progress, Report};
 use clap::ValueHint;
 use std::ops::Range;
@@ -33,6 +34,9 @@ pub struct Fitting {
     /// Depth made elsewhere (npz, or folder of 16-bit PNGs), up to scale and shift per frame; once per video
     #[arg(long = "depth", value_name = "FILE|DIR")]
     pub depth: Vec<PathBuf>,
+    /// What the depth means: metric (distance) or inverse (disparity) [default: what the npz says, else metric]
+    #[arg(long, value_name = "metric|inverse", value_parser = depth_kind)]
+    pub depth_kind: Option<DepthKind>,
     /// Height at which the video is worked on [px]; never enlarged
     #[arg(long, value_name = "PX", default_value_t = 512)]
     pub height: usize,
@@ -71,6 +75,7 @@ impl Fitting {
             masks: self.masks.clone(),
             tracks: self.tracks.clone(),
             depth: self.depth.clone(),
+            depth_kind: self.depth_kind,
             preset: self.preset,
             repair: self.repair,
             seed: common.seed,
@@ -97,6 +102,15 @@ fn words(report: &Report) -> String {
         clip.uncertain.iter().for_each(|doubt| text += &format!("  uncertain: {doubt}\n"));
     }
     text
+}
+
+/// The word for what depth values mean.
+pub(super) fn depth_kind(text: &str) -> Result<DepthKind, String> {
+    match text {
+        "metric" => Ok(DepthKind::Metric),
+        "inverse" => Ok(DepthKind::Inverse),
+        _ => Err("depth is metric or inverse".into()),
+    }
 }
 
 /// `A..B`, `A..` or `..B`.

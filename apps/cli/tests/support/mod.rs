@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The limits of `design`: address space [KiB], which bounds memory from above, and processor time [s].
+/// The limits: address space [KiB], which bounds memory from above, and processor time [s].
 const MEMORY_KIB: u64 = 1 << 20;
 const CPU_SECS: u64 = 1;
 

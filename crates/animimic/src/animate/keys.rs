@@ -23,6 +23,7 @@ pub fn seen(job: &Job, index: usize, model: &Key, video: &Video) -> Result<Key, 
             key = key.and(what).and_path(path)?;
         }
     }
+    key = key.and(job.depth_kind);
     match &job.camera {
         CameraChoice::File(path) => key.and("camera").and_path(path),
         choice => Ok(key.and(choice)),

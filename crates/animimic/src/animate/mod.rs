@@ -301,6 +301,7 @@ fn see(
         masks: job.masks.get(index).map(PathBuf::as_path),
         tracks: job.tracks.get(index).map(PathBuf::as_path),
         depth: job.depth.get(index).map(PathBuf::as_path),
+        depth_kind: job.depth_kind,
     };
     let mut found = clock.time("masks", || crate::cues::find(video, &given))?;
     tell(progress, Event::Stage { name: "camera" })?;

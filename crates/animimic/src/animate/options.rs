@@ -4,6 +4,7 @@ use crate::camera::CameraChoice;
 use crate::rigging::RigChoice;
 use crate::{Error, Physics};
 use animimic_fit::Preset;
+use animimic_scene::DepthKind;
 use animimic_sim::tet::DEFAULT_TETS;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -33,6 +34,8 @@ pub struct Job {
     pub tracks: Vec<PathBuf>,
     /// Depth made elsewhere (npz or folder of 16-bit PNGs), in the order of the videos.
     pub depth: Vec<PathBuf>,
+    /// What that depth means, where its files do not say so.
+    pub depth_kind: Option<DepthKind>,
     /// How the motion is found.
     pub preset: Preset,
     /// How far to go.
@@ -125,6 +128,7 @@ impl Job {
             masks: Vec::new(),
             tracks: Vec::new(),
             depth: Vec::new(),
+            depth_kind: None,
             preset: Preset::Default,
             stage: Stage::default(),
             flesh: Flesh::default(),

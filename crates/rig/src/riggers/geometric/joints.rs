@@ -218,12 +218,17 @@ impl Builder<'_> {
             let begin = nearest(&along, share * whole);
             last = self.push(name, Some(k + 1), (c, curve.node(begin)), Some(last));
             self.drafts[last].position = curve.points[begin];
+            if k == 0 && on == 0 && self.least_bones(role) > 1 {
+                self.drafts[last].position = self.shared_socket(c);
+            }
             owner[curve.node(begin)..].fill(last);
         }
         self.owner.push(owner);
-        let inner = &curve.points[..curve.inner];
-        let radius = self.graph.radius(chain.nodes[curve.hip]).min(CARRIED * self.usual_radius(c));
-        self.drafts[first].seeds.extend(inner.iter().map(|&p| (p, radius)));
+        // Shoulder blades and thighs lie on the flanks of a lying trunk and move with their legs; an upright trunk holds its own.
+        if self.reaches_beside(c) {
+            let radius = self.graph.radius(chain.nodes[curve.hip]).min(CARRIED * self.usual_radius(c));
+            self.drafts[first].seeds.extend(curve.points[..curve.inner].iter().map(|&p| (p, radius)));
+        }
         self.carry(c, first);
     }
 
@@ -233,13 +238,10 @@ impl Builder<'_> {
         let along = arc(self.graph, &chain.nodes);
         let hip = self.hip(c, &along);
         let own: Vec<DVec3> = chain.nodes[hip..].iter().map(|&k| self.graph.at(k)).collect();
-        if chain.parent.is_none_or(|p| p.0 != 0) || self.least_bones(self.anatomy.roles[c]) < 2 {
+        if !self.reaches_beside(c) {
             return Curve { points: own, inner: 0, hip };
         }
-        let mut socket = self.socket(c);
-        if let (Some(partner), Some(mirror)) = (self.anatomy.partner[c], self.mirror) {
-            socket = 0.5 * (socket + mirror.image(self.socket(partner)));
-        }
+        let socket = self.shared_socket(c);
         let step = (along[along.len() - 1] - along[hip]) / (own.len() - 1).max(1) as f64;
         let inner = (socket.distance(own[0]) / step.max(1e-9 * self.graph.longest)).ceil() as usize;
         let hip_at = own[0];
@@ -301,7 +303,7 @@ impl Builder<'_> {
         let hip = self.hip(c, &along);
         let axis = self.graph.at(self.anatomy.chains[0].nodes[self.anatomy.place[c]]);
         let from = self.graph.at(nodes[hip]);
-        if matches!(self.anatomy.roles[c], Role::Leg(..)) && !self.anatomy.upright {
+        if self.reaches_beside(c) {
             let rise = BESIDE_AXIS * (axis.y - from.y).max(0.0);
             let leg = (from - self.graph.at(nodes[nodes.len() - 1])).reject_from_normalized(self.anatomy.left);
             let lean = (LEAN / leg.y.abs().max(1e-9 * self.graph.longest) * leg).with_y(0.0).clamp_length_max(LEAN);
@@ -312,6 +314,19 @@ impl Builder<'_> {
         let reach = (axis - from).dot(up).max(0.0);
         let inwards = from + 0.5 * SOCKET * (axis - from);
         0.5 * (from + SOCKET * reach * up) + 0.5 * inwards
+    }
+
+    /// The same for both partners, mirrored.
+    fn shared_socket(&self, c: usize) -> DVec3 {
+        match (self.anatomy.partner[c], self.mirror) {
+            (Some(partner), Some(mirror)) => 0.5 * (self.socket(c) + mirror.image(self.socket(partner))),
+            _ => self.socket(c),
+        }
+    }
+
+    /// Whether a limb begins beside the trunk's axis: a leg under a lying trunk.
+    fn reaches_beside(&self, c: usize) -> bool {
+        matches!(self.anatomy.roles[c], Role::Leg(..)) && !self.anatomy.upright
     }
 
     /// Median radius of a limb's outer two thirds.
