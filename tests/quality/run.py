@@ -9,6 +9,7 @@
     --true-masks    give the masks of the truth instead of letting the program find its own
     --true-cues     give tracks and depth of the truth too: what the fit makes of perfect cues (median MPJPE <= 0.7 %)
     --no-rig        give the mesh alone: the program makes the skeleton (judged by vertices and silhouettes; joints are not comparable)
+    --soft          go on to soft tissue and score soft.glb; without it the skeleton's motion alone is made and scored
     --auto-camera   let the program find the camera instead of giving camera.json (no gates on errors then: scale is free)
     --real          also data/real (fish, crocodile), preset camera, scored against masks.npz
     --reuse         score what is in --out already, run nothing
@@ -95,10 +96,11 @@ def truth_case(judge, program, case, out, args):
     if args.true_cues:
         tracks, depth = true_cues.write(case, out / "cues")
         command += ["--tracks", str(tracks), "--depth", str(depth)]
+    command += ["--stage", "soft" if args.soft else "pose"]
     row = timed_row(case.name, command + args.more, out, camera["frames"], args.reuse)
     if "error" not in row:
         try:
-            row |= judge.judge(out / "animated.glb", case)
+            row |= judge.judge(out / ("soft.glb" if args.soft else "animated.glb"), case)
         except (AssertionError, KeyError, ValueError, OSError) as e:
             row["error"] = str(e)
     return row
@@ -118,6 +120,7 @@ def real_case(judge, program, case, out, args):
     masks = np.load(case / "masks.npz")
     times = video_times(case / "input.mp4")
     command = [program, "animate", str(case), str(case / "input.mp4"), "-o", str(out), "--camera", args.real_camera]
+    command += ["--stage", "soft" if args.soft else "pose"]
     row = timed_row(f"real/{case.name}", command + args.more, out, len(times), args.reuse)
     if "error" in row:
         return row
@@ -127,7 +130,7 @@ def real_case(judge, program, case, out, args):
         sx, sy = w / file["width"], h / file["height"]
         camera = {"width": w, "height": h, "fx": file["fx"] * sx, "fy": file["fy"] * sy, "cx": file["cx"] * sx, "cy": file["cy"] * sy}
         view = np.array(file["views"]["main"]["world_to_camera_opencv"])
-        glb = judge.Glb(out / "animated.glb")
+        glb = judge.Glb(out / ("soft.glb" if args.soft else "animated.glb"))
         faces, start = [], 0
         for node in glb.nodes:
             if "mesh" in node:
@@ -163,6 +166,7 @@ def main():
     ap.add_argument("--true-masks", action="store_true")
     ap.add_argument("--true-cues", action="store_true")
     ap.add_argument("--no-rig", action="store_true")
+    ap.add_argument("--soft", action="store_true")
     ap.add_argument("--auto-camera", action="store_true")
     ap.add_argument("--real", action="store_true")
     ap.add_argument("--real-camera", default="preset:puppeteer:front")
