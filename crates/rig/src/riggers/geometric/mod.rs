@@ -4,6 +4,7 @@
 //! ([`chains`]) → what is what ([`anatomy`]) → joints ([`joints`]) → weights through the solid ([`weights`]).
 
 mod anatomy;
+mod bends;
 mod chains;
 mod grid;
 mod joints;
