@@ -33,6 +33,8 @@ const LEAST_BEND_RAD: f64 = 0.2;
 const TRUNK_SHARE: f64 = 0.6;
 /// Bones of a pair of limbs differ by less than this share of the limb's length, all together.
 const PARTNER_TOLERANCE: f64 = 0.3;
+/// Limbs of the same build reach as far as each other within this share.
+const ALIKE: f64 = 0.2;
 /// What the way between two limbs counts beside the difference of their bones.
 const NEAR: f64 = 0.2;
 /// A pair of limbs lies this far apart [rest diagonal].
@@ -74,22 +76,37 @@ pub fn limbs(kinematics: &Kinematics, tips: &[DVec3], diagonal: f64) -> Vec<Limb
     let heights = || tips.iter().chain(&kinematics.pivots).map(|p| p.y);
     let lowest = heights().fold(f64::INFINITY, f64::min);
     let highest = heights().fold(f64::NEG_INFINITY, f64::max);
-    for limb in &mut limbs {
-        limb.hinge = limb.hinge.filter(|_| limb.partner.is_some());
+    let paired: Vec<bool> = (0..limbs.len()).map(|i| comes_in_pairs(kinematics, &limbs, &reach, i, diagonal)).collect();
+    for (limb, paired) in limbs.iter_mut().zip(paired) {
+        limb.hinge = limb.hinge.filter(|_| paired);
         let foot = limb.joints.iter().map(|&j| kinematics.pivots[j].y).fold(limb.tip.y, f64::min);
         limb.stands = foot < lowest + GROUND * (highest - lowest);
     }
     limbs
 }
 
-/// The body's sideways direction: from hip to hip and from shoulder to shoulder where most pairs agree, else the axis about which most
-/// limbs bend, if at least two and half of them agree.
+/// Whether another bent limb of the same build lies elsewhere: legs and arms come in pairs, a neck or a tail does not.
+fn comes_in_pairs(kinematics: &Kinematics, limbs: &[Limb], reach: &[f64], i: usize, diagonal: f64) -> bool {
+    let center = |l: &Limb| l.levers.iter().map(|&j| kinematics.pivots[j]).sum::<DVec3>() / l.levers.len() as f64;
+    let alike = |a: f64, b: f64| (a - b).abs() < ALIKE * a.max(b);
+    let this = &limbs[i];
+    limbs.iter().enumerate().any(|(k, other)| {
+        k != i
+            && other.hinge.is_some()
+            && other.joints.len() == this.joints.len()
+            && alike(reach[other.joints[0]], reach[this.joints[0]])
+            && center(other).distance(center(this)) > BESIDE * diagonal
+    })
+}
+
+/// The body's sideways direction: the axis about which most limbs bend, if at least two and half of them agree, else from hip to hip and
+/// from shoulder to shoulder where most pairs agree.
 pub fn lateral(kinematics: &Kinematics, limbs: &[Limb]) -> Option<DVec3> {
     let top = |l: &Limb| kinematics.pivots[l.joints[0]];
     let pairs = limbs.iter().enumerate().filter_map(|(i, l)| Some((l, &limbs[l.partner.filter(|&k| k > i)?])));
     let across: Vec<DVec3> = pairs.filter_map(|(a, b)| (top(a) - top(b)).try_normalize()).collect();
     let hinges: Vec<DVec3> = limbs.iter().filter_map(|l| l.hinge).collect();
-    agreed(&across, 1).or_else(|| agreed(&hinges, 2))
+    agreed(&hinges, 2).or_else(|| agreed(&across, 1))
 }
 
 /// Mean of those axes that agree with the one with which most do; `None` where fewer than `least` or than half of all agree.
@@ -102,8 +119,8 @@ fn agreed(axes: &[DVec3], least: usize) -> Option<DVec3> {
     (count >= least && 2 * count >= axes.len()).then(|| sum.normalize())
 }
 
-/// Turns hinges to the sideways direction where they, or their partner's, are near it: a leg that stands askew at rest still bends fore
-/// and aft, and partners bend alike. Straight legs in pairs take it as theirs.
+/// Turns hinges to the sideways direction where they are near it: a leg that stands askew at rest still bends fore
+/// and aft. Straight legs in pairs take it as theirs; an arm does not swing as its partner does.
 pub fn align_hinges(kinematics: &Kinematics, limbs: &mut [Limb], lateral: DVec3) {
     let aligned: Vec<bool> = limbs
         .iter()
@@ -116,7 +133,7 @@ pub fn align_hinges(kinematics: &Kinematics, limbs: &mut [Limb], lateral: DVec3)
         })
         .collect();
     for (i, limb) in limbs.iter_mut().enumerate() {
-        if aligned[i] || limb.partner.is_some_and(|k| aligned[k]) {
+        if aligned[i] || (limb.hinge.is_none() && limb.stands && limb.partner.is_some_and(|k| aligned[k])) {
             limb.hinge = Some(lateral);
         }
     }
