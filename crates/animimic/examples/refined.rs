@@ -5,51 +5,36 @@
 //! kinematics of the file; with morph targets it is the wanted surface, and the tolerance is the residual that was told.
 //! A model beside a `soft.npz` moves as the truth in its folder; others swing every joint, and their flesh swings in waves of its own.
 
+mod judged;
+
 use animimic::physics::{Delivered, Delivery, deliver};
 use animimic::scene::io::gltf::{ExportOptions, clips};
-use animimic::scene::io::npz::{Archive, Array, Values};
+use animimic::scene::io::npz::Archive;
 use animimic::scene::io::{self, npz};
 use animimic::scene::{Asset, Motion, Pose, Refined, Trajectory, Transform};
 use glam::{DQuat, DVec3};
+use judged::{FPS, Result, array, each_model, flat, posed, sampled};
 use std::path::Path;
 
-const FPS: f64 = 24.0;
-const SAMPLES: usize = 5;
 /// What two programs may differ by in adding up the same numbers [share of the diagonal].
 const ROUNDING: f64 = 1e-4;
 
-type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
-
 fn main() -> Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let folder = arguments.next().ok_or("usage: refined OUT_DIR MODEL…")?;
-    for model in arguments {
-        match refine(Path::new(&model), Path::new(&folder)) {
-            Ok(names) => names.iter().for_each(|name| println!("{name}\t{model}")),
-            Err(e) => println!("left out: {model}: {e}"),
-        }
-    }
-    Ok(())
+    each_model("refined", refine)
 }
 
-fn refine(model: &Path, folder: &Path) -> Result<Vec<String>> {
-    let asset = io::read(model)?;
-    if !asset.rig.is_articulated() {
-        return Err("has no skeleton".into());
-    }
+fn refine(asset: &Asset, model: &Path, beginning: &str, folder: &Path) -> Result<Vec<String>> {
     let beside = model.parent().unwrap_or(Path::new("."));
-    let clip = if beside.join("soft.npz").is_file() { truth(&asset, beside)? } else { shaken(&asset)? };
-    let words: Vec<String> =
-        model.components().rev().take(2).map(|c| c.as_os_str().to_string_lossy().into_owned()).collect();
+    let clip = if beside.join("soft.npz").is_file() { truth(asset, beside)? } else { shaken(asset)? };
     let mut names = Vec::new();
     for physics in ["none", "rig", "morph"] {
-        let name = format!("{}_{}_{physics}", words[1], words[0].replace('.', "_"));
+        let name = format!("{beginning}_{physics}");
         let glb = folder.join(format!("{name}.glb"));
         let options = ExportOptions { keep_clips: false, ..ExportOptions::default() };
         let clips = std::slice::from_ref(&clip);
-        let told = deliver(physics.parse()?, &Delivery { asset: &asset, clips, glb: &glb, options })?;
+        let told = deliver(physics.parse()?, &Delivery { asset, clips, glb: &glb, options })?;
         eprintln!("{name}: {}", told.words());
-        npz::write(glb.with_extension("npz"), &expected(&asset, &clip, &glb, &told)?)?;
+        npz::write(glb.with_extension("npz"), &expected(asset, &clip, &glb, &told)?)?;
         names.push(name);
     }
     Ok(names)
@@ -64,25 +49,14 @@ fn expected(asset: &Asset, clip: &Refined, glb: &Path, told: &Delivered) -> Resu
     } else {
         (wanted.frames.clone(), told.residual.largest + ROUNDING)
     };
-    let frames: Vec<usize> = (0..SAMPLES).map(|s| s * (wanted.frames.len() - 1) / (SAMPLES - 1)).collect();
-    let flat = |points: &[DVec3]| -> Vec<f64> { points.iter().flat_map(|p| p.to_array()).collect() };
-    let n = asset.mesh.positions.len();
-    let array = |name: &str, shape: Vec<usize>, values: Vec<f64>| {
-        (name.to_string(), Array { shape, values: Values::F64(values) })
-    };
-    let at = |frames: &[usize]| frames.iter().flat_map(|&f| flat(&vertices[f])).collect();
-    let arrays = vec![
-        array("diagonal", vec![], vec![asset.mesh.diagonal()]),
-        array("tolerance", vec![], vec![tolerance]),
-        array("rest", vec![n, 3], flat(&asset.mesh.positions)),
-        array("clip_0_times", vec![SAMPLES], frames.iter().map(|&f| f as f64 / FPS).collect()),
-        array("clip_0_vertices", vec![SAMPLES, n, 3], at(&frames)),
+    let rest = &asset.mesh.positions;
+    let mut arrays = vec![
+        array("diagonal", &[], vec![asset.mesh.diagonal()]),
+        array("tolerance", &[], vec![tolerance]),
+        array("rest", &[rest.len(), 3], flat(rest)),
     ];
+    arrays.extend(sampled(0, &vertices));
     Ok(Archive { arrays })
-}
-
-fn posed(asset: &Asset, motion: &Motion) -> Vec<Vec<DVec3>> {
-    motion.poses.iter().map(|p| asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&p.locals))).collect()
 }
 
 /// The true joints and vertices of a folder.

@@ -4,47 +4,32 @@
 //! too, in waves of each clip's own, on helper bones that all three share) with an npz each: `clip_K_times` [s], `clip_K_vertices`
 //! (our own forward kinematics of the file), `rest`, `diagonal`.
 
+mod judged;
+
 use animimic::physics::{Delivery, deliver};
 use animimic::scene::io::gltf::{ExportOptions, clips};
-use animimic::scene::io::npz::{Archive, Array, Values};
+use animimic::scene::io::npz::Archive;
 use animimic::scene::io::{self, npz};
 use animimic::scene::{Asset, Motion, Pose, Refined, Trajectory, Transform};
 use glam::{DQuat, DVec3};
+use judged::{FPS, Result, array, each_model, flat, posed, sampled};
 use std::path::Path;
 
-const FPS: f64 = 24.0;
-const SAMPLES: usize = 5;
 /// Names and lengths of the clips [frames].
 const CLIPS: [(&str, usize); 3] = [("walk", 25), ("jump", 13), ("look around", 37)];
 
-type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
-
 fn main() -> Result<()> {
-    let mut arguments = std::env::args().skip(1);
-    let folder = arguments.next().ok_or("usage: several_clips OUT_DIR MODEL…")?;
-    for model in arguments {
-        match write(Path::new(&model), Path::new(&folder)) {
-            Ok(names) => names.iter().for_each(|name| println!("{name}\t{model}")),
-            Err(e) => println!("left out: {model}: {e}"),
-        }
-    }
-    Ok(())
+    each_model("several_clips", |asset, _, name, folder| write(asset, name, folder))
 }
 
-fn write(model: &Path, folder: &Path) -> Result<Vec<String>> {
-    let asset = io::read(model)?;
-    if !asset.rig.is_articulated() {
-        return Err("has no skeleton".into());
-    }
-    let words: Vec<String> =
-        model.components().rev().take(2).map(|c| c.as_os_str().to_string_lossy().into_owned()).collect();
+fn write(asset: &Asset, beginning: &str, folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for (end, soft) in [("clips", false), ("clips_helpers", true)] {
-        let name = format!("{}_{}_{end}", words[1], words[0].replace('.', "_"));
+        let name = format!("{beginning}_{end}");
         let glb = folder.join(format!("{name}.glb"));
-        let clips: Vec<Refined> = (0..CLIPS.len()).map(|k| clip(&asset, k, soft)).collect();
+        let clips: Vec<Refined> = (0..CLIPS.len()).map(|k| clip(asset, k, soft)).collect();
         let options = ExportOptions { keep_clips: false, ..ExportOptions::default() };
-        let told = deliver("rig".parse()?, &Delivery { asset: &asset, clips: &clips, glb: &glb, options })?;
+        let told = deliver("rig".parse()?, &Delivery { asset, clips: &clips, glb: &glb, options })?;
         eprintln!("{name}: {}", told.words());
         npz::write(glb.with_extension("npz"), &expected(&io::read(&glb)?)?)?;
         names.push(name);
@@ -88,26 +73,13 @@ fn clip(asset: &Asset, k: usize, soft: bool) -> Refined {
     Refined { motion, trajectory }
 }
 
-fn posed(asset: &Asset, motion: &Motion) -> Vec<Vec<DVec3>> {
-    motion.poses.iter().map(|p| asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&p.locals))).collect()
-}
-
 /// What our own forward kinematics makes of a file's clips.
 fn expected(file: &Asset) -> Result<Archive> {
-    let n = file.mesh.positions.len();
-    let flat = |points: &[DVec3]| -> Vec<f64> { points.iter().flat_map(|p| p.to_array()).collect() };
-    let array =
-        |name: String, shape: Vec<usize>, values: Vec<f64>| (name, Array { shape, values: Values::F64(values) });
-    let mut arrays = vec![
-        array("diagonal".into(), vec![], vec![file.mesh.diagonal()]),
-        array("rest".into(), vec![n, 3], flat(&file.mesh.positions)),
-    ];
+    let rest = &file.mesh.positions;
+    let mut arrays =
+        vec![array("diagonal", &[], vec![file.mesh.diagonal()]), array("rest", &[rest.len(), 3], flat(rest))];
     for (k, clip) in clips(file)?.iter().enumerate() {
-        let frames = posed(file, &clip.motion(&file.rig.skeleton, FPS)?);
-        let picked: Vec<usize> = (0..SAMPLES).map(|s| s * (frames.len() - 1) / (SAMPLES - 1)).collect();
-        arrays.push(array(format!("clip_{k}_times"), vec![SAMPLES], picked.iter().map(|&f| f as f64 / FPS).collect()));
-        let vertices = picked.iter().flat_map(|&f| flat(&frames[f])).collect();
-        arrays.push(array(format!("clip_{k}_vertices"), vec![SAMPLES, n, 3], vertices));
+        arrays.extend(sampled(k, &posed(file, &clip.motion(&file.rig.skeleton, FPS)?)));
     }
     Ok(Archive { arrays })
 }

@@ -1,12 +1,28 @@
-//! Frames drawn one after the other into an MP4 that appears whole, or not at all where the user stops.
+//! Frames drawn one after the other into a file that appears whole, or not at all where the user stops.
 
 use crate::Error;
 use crate::event::{Event, Progress, tell};
 use animimic_scene::Image;
+use animimic_video::{VideoError, encode_mp4, write_whole};
 use std::path::Path;
 
-/// Draws `frames` frames and writes them as a video; `share` is the part of the progress that this takes.
+/// Makes a file's bytes of frames at a rate.
+pub(crate) type Encode = fn(&mut dyn Iterator<Item = Image>, f64) -> Result<Vec<u8>, VideoError>;
+
+/// Draws `frames` frames and writes them as an MP4; `share` is the part of the progress that this takes.
 pub(crate) fn film(
+    path: &Path,
+    (frames, fps): (usize, f64),
+    share: (f64, f64),
+    draw: impl Fn(usize) -> Image,
+    progress: &mut Progress,
+) -> Result<(), Error> {
+    film_as(encode_mp4, path, (frames, fps), share, draw, progress)
+}
+
+/// The same in a file of another kind.
+pub(crate) fn film_as(
+    encode: Encode,
     path: &Path,
     (frames, fps): (usize, f64),
     share: (f64, f64),
@@ -19,9 +35,9 @@ pub(crate) fn film(
         stop = tell(progress, Event::Step { done, loss: None });
         stop.is_ok().then(|| draw(t))
     });
-    let encoded = animimic_video::encode_mp4(&mut drawn, fps);
+    let encoded = encode(&mut drawn, fps);
     stop?;
-    Ok(animimic_video::write_whole(path, &encoded?)?)
+    Ok(write_whole(path, &encoded?)?)
 }
 
 #[cfg(test)]

@@ -105,7 +105,7 @@ fn read(bytes: Vec<u8>) -> Asset {
 }
 
 fn posed(asset: &Asset, motion: &Motion) -> Vec<Vec<DVec3>> {
-    motion.poses.iter().map(|p| asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&p.locals))).collect()
+    motion.poses.iter().map(|p| asset.rig.in_pose(p)).collect()
 }
 
 /// The worm bends; its tail half and its hat swing beyond that, more in the second clip.

@@ -143,7 +143,7 @@ fn stiffness_fitted_to_true_vertices_brings_the_soft_tails_back() {
         let softness = npz::read(folder.join(name).join("soft.npz")).unwrap().need("softness").unwrap().to_f64();
         let weights: Vec<f64> = softness.iter().map(|s| f64::from(u8::from(*s > 0.01))).collect();
         let diagonal = asset.mesh.diagonal();
-        let skinned = |t: usize| asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&motion.poses[t].locals));
+        let skinned = |t: usize| asset.rig.in_pose(&motion.poses[t]);
         let before = rms(&truth, &weights, diagonal, skinned);
         let joint = |n: &str| asset.rig.skeleton.joints.iter().position(|j| j.name.starts_with(n)).unwrap();
         let tail = ["b_Tail01", "b_Tail02", "b_Tail03"].map(joint);

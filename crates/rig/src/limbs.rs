@@ -2,8 +2,8 @@
 //!
 //! A limb is a chain of joints from below a branching to a tip. Where it is bent at rest, it bends on in the same plane:
 //! the normal of that plane is its hinge axis (a knee, an elbow, a hock). Only limbs that come in pairs hinge: a neck or a
-//! tail that is bent at rest turns to all sides. Where the joints of pairs lie beside each other, that is the body's sideways
-//! direction; a straight leg tells no plane of its own, but what stands on the ground swings fore and aft, about that direction.
+//! tail that is bent at rest turns to all sides. The axis about which most limbs bend, else the line between the joints of pairs, is the
+//! body's sideways direction; a straight leg tells no plane of its own, but what stands on the ground swings fore and aft, about that.
 
 use crate::kinematics::Kinematics;
 use glam::DVec3;
@@ -17,7 +17,7 @@ pub struct Limb {
     pub levers: Vec<usize>,
     /// Where the last bone ends at rest [model unit].
     pub tip: DVec3,
-    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one without a partner.
+    /// Axis about which the limb bends, world axes at rest; `None` for a straight limb and for one that does not come in pairs.
     pub hinge: Option<DVec3>,
     /// The limb of the same build beside this one, if each is the other's nearest.
     pub partner: Option<usize>,
@@ -122,18 +122,13 @@ fn agreed(axes: &[DVec3], least: usize) -> Option<DVec3> {
 /// Turns hinges to the sideways direction where they are near it: a leg that stands askew at rest still bends fore
 /// and aft. Straight legs in pairs take it as theirs; an arm does not swing as its partner does.
 pub fn align_hinges(kinematics: &Kinematics, limbs: &mut [Limb], lateral: DVec3) {
-    let aligned: Vec<bool> = limbs
-        .iter()
-        .map(|limb| {
-            let along = (limb.tip - kinematics.pivots[limb.joints[0]]).normalize_or_zero();
-            match limb.hinge {
-                Some(hinge) => lateral.dot(hinge).abs() > ALIGNED,
-                None => limb.partner.is_some() && limb.stands && along.dot(lateral).abs() < ALIGNED,
-            }
-        })
-        .collect();
-    for (i, limb) in limbs.iter_mut().enumerate() {
-        if aligned[i] || (limb.hinge.is_none() && limb.stands && limb.partner.is_some_and(|k| aligned[k])) {
+    for limb in limbs {
+        let along = (limb.tip - kinematics.pivots[limb.joints[0]]).normalize_or_zero();
+        let aligned = match limb.hinge {
+            Some(hinge) => lateral.dot(hinge).abs() > ALIGNED,
+            None => limb.partner.is_some() && limb.stands && along.dot(lateral).abs() < ALIGNED,
+        };
+        if aligned {
             limb.hinge = Some(lateral);
         }
     }

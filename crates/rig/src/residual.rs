@@ -39,7 +39,7 @@ impl Residual {
             let frames: Vec<Vec<f64>> = (0..motion.poses.len().min(trajectory.frames.len()))
                 .into_par_iter()
                 .map(|f| {
-                    let posed = rig.skinned(&rig.skeleton.world_from_joint(&motion.poses[f].locals));
+                    let posed = rig.in_pose(&motion.poses[f]);
                     distances(&posed, &trajectory.frames[f])
                 })
                 .collect();

@@ -329,7 +329,7 @@ mod tests {
         let tree = SolveTree::new(rig, mesh);
         let frame = random_pose(&tree, seed);
         let posed = tree.kinematics.pose(&frame);
-        let skinned = rig.skinned(&rig.skeleton.world_from_joint(&tree.pose(rig, &frame).locals));
+        let skinned = rig.in_pose(&tree.pose(rig, &frame));
         let anchors = tree.vertex_anchors(rig);
         let worst = anchors.iter().zip(&skinned).map(|(a, x)| a.position(&posed).distance(*x)).fold(0.0, f64::max);
         worst / mesh.diagonal()

@@ -53,7 +53,7 @@ fn truth(case: &Path) -> (Asset, Refined) {
 }
 
 fn skinned(asset: &Asset, motion: &Motion) -> Vec<Vec<DVec3>> {
-    motion.poses.iter().map(|p| asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&p.locals))).collect()
+    motion.poses.iter().map(|p| asset.rig.in_pose(p)).collect()
 }
 
 fn frames(clip: &Refined) -> &[Vec<DVec3>] {
@@ -73,7 +73,7 @@ fn of_soft(asset: &Asset, clip: &Refined, rig: &animimic_scene::Rig, motion: &Mo
         .collect();
     let mut distances = Vec::new();
     for (pose, frame) in motion.poses.iter().zip(frames(clip)) {
-        let posed = rig.skinned(&rig.skeleton.world_from_joint(&pose.locals));
+        let posed = rig.in_pose(pose);
         distances.extend(soft.iter().map(|&v| posed[v].distance(frame[v])));
     }
     Residual::of_distances(distances, diagonal)

@@ -64,11 +64,8 @@ fn kinematics(asset: &Asset, motions: &[Motion]) -> Archive {
     for (k, motion) in motions.iter().enumerate() {
         let frames: Vec<usize> = (0..SAMPLES).map(|s| s * (motion.poses.len() - 1) / (SAMPLES - 1)).collect();
         let times = frames.iter().map(|&f| f as f64 / motion.fps).collect();
-        let vertices: Vec<f64> = frames
-            .iter()
-            .flat_map(|&f| asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&motion.poses[f].locals)))
-            .flat_map(|p| p.to_array())
-            .collect();
+        let vertices: Vec<f64> =
+            frames.iter().flat_map(|&f| asset.rig.in_pose(&motion.poses[f])).flat_map(|p| p.to_array()).collect();
         let shape = vec![SAMPLES, asset.mesh.positions.len(), 3];
         arrays.push((format!("clip_{k}_times"), Array { shape: vec![SAMPLES], values: Values::F64(times) }));
         arrays.push((format!("clip_{k}_vertices"), Array { shape, values: Values::F64(vertices) }));

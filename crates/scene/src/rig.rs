@@ -4,6 +4,7 @@
 //! scene node that moves a vertex (and its ancestors) is a [`Joint`]; every vertex lists influences by [`Slot`], a joint
 //! with an inverse bind matrix. A rigid part is a slot with the identity as inverse bind.
 
+use crate::Pose;
 use glam::{DAffine3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -118,6 +119,11 @@ impl Rig {
     /// All vertices in the rest pose: the model as displayed.
     pub fn at_rest(&self) -> Vec<DVec3> {
         self.skinned(&self.skeleton.rest_world())
+    }
+
+    /// All vertices in a pose.
+    pub fn in_pose(&self, pose: &Pose) -> Vec<DVec3> {
+        self.skinned(&self.skeleton.world_from_joint(&pose.locals))
     }
 
     /// Skins all vertices for some world transforms of the joints (linear blend skinning): x_v = Σ_k w_k G_k B_k X_v.

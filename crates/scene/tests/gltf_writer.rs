@@ -143,8 +143,8 @@ fn a_motion_comes_back_from_the_file_to_float_precision() {
     let mut worst: f64 = 0.0;
     for (f, pose) in motion.poses.iter().enumerate() {
         let read = clip.pose(&output.rig.skeleton, f as f64 / motion.fps);
-        let ours = input.rig.skinned(&input.rig.skeleton.world_from_joint(&pose.locals));
-        let theirs = output.rig.skinned(&output.rig.skeleton.world_from_joint(&read.locals));
+        let ours = input.rig.in_pose(pose);
+        let theirs = output.rig.in_pose(&read);
         worst = worst.max(worst_distance(&ours, &theirs) / input.mesh.diagonal());
     }
     println!("worst {worst:.2e} of the diagonal");
@@ -334,8 +334,8 @@ fn a_rig_made_for_an_unrigged_glb_under_transformed_parents_stands_where_it_stoo
     let motion = motion(&input, 40);
     let clip = &clips(&output).unwrap()[0];
     let pose = clip.pose(&output.rig.skeleton, 20.0 / 24.0);
-    let theirs = output.rig.skinned(&output.rig.skeleton.world_from_joint(&pose.locals));
-    let four = |a: &Asset| a.rig.skinned(&a.rig.skeleton.world_from_joint(&motion.poses[20].locals));
+    let theirs = output.rig.in_pose(&pose);
+    let four = |a: &Asset| a.rig.in_pose(&motion.poses[20]);
     let error = worst_distance(&theirs, &four(&input)) / input.mesh.diagonal();
     println!("posed: {error:.2e} of the diagonal");
     assert!(error < 1e-6, "{error}");

@@ -20,4 +20,4 @@ pub mod write;
 
 pub use crate::error::{Result, VideoError};
 pub use crate::read::{ReadOptions, read};
-pub use crate::write::{encode_mp4, write_gif, write_mp4, write_png, write_whole};
+pub use crate::write::{encode_gif, encode_mp4, encode_png, write_gif, write_mp4, write_png, write_whole};

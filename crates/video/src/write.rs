@@ -87,10 +87,18 @@ fn with_color_description(unit: &[u8]) -> (Vec<u8>, bool) {
 
 /// Writes frames as an endlessly repeating GIF (256 colours a frame).
 pub fn write_gif(path: &Path, frames: &mut dyn Iterator<Item = Image>, fps: f64) -> Result<()> {
+    let mut frames = frames.peekable();
+    frames.peek().ok_or_else(|| no_frames(path))?;
+    write_whole(path, &encode_gif(&mut frames, fps)?)
+}
+
+/// The bytes of such a GIF.
+///
+/// Errors: as [`write_gif`], but for the disk.
+pub fn encode_gif(frames: &mut dyn Iterator<Item = Image>, fps: f64) -> Result<Vec<u8>> {
     check_fps(fps)?;
     let mut data = Vec::new();
     let failed = |e: image::ImageError| VideoError::Caller(format!("cannot write the GIF: {e}"));
-    let mut count = 0;
     {
         let mut encoder = image::codecs::gif::GifEncoder::new_with_speed(&mut data, 10);
         encoder.set_repeat(image::codecs::gif::Repeat::Infinite).map_err(failed)?;
@@ -104,28 +112,33 @@ pub fn write_gif(path: &Path, frames: &mut dyn Iterator<Item = Image>, fps: f64)
             let at = |k: usize| (100.0 * k as f64 / fps).round() as u32;
             let delay = image::Delay::from_numer_denom_ms(10 * (at(t + 1) - at(t)), 1);
             encoder.encode_frame(image::Frame::from_parts(buffer, 0, 0, delay)).map_err(failed)?;
-            count += 1;
+        }
+        if first_size.is_none() {
+            return Err(VideoError::Caller("no frames to encode".into()));
         }
     }
-    if count == 0 {
-        return Err(no_frames(path));
-    }
-    write_whole(path, &data)
+    Ok(data)
 }
 
 /// Writes one picture as PNG.
 pub fn write_png(path: &Path, image: &Image) -> Result<()> {
-    let rgb: Vec<u8> = image.rgb.iter().flatten().copied().collect();
-    write_whole(path, &encode_png(&rgb, image.width, image.height, image::ExtendedColorType::Rgb8)?)
+    write_whole(path, &encode_png(image)?)
+}
+
+/// The bytes of such a picture.
+///
+/// Errors: a picture without pixels.
+pub fn encode_png(image: &Image) -> Result<Vec<u8>> {
+    encode_samples(image.rgb.as_flattened(), image.width, image.height, image::ExtendedColorType::Rgb8)
 }
 
 /// Writes one mask as an 8-bit grey PNG.
 pub fn write_mask_png(path: &Path, mask: &Mask) -> Result<()> {
-    write_whole(path, &encode_png(&mask.coverage, mask.width, mask.height, image::ExtendedColorType::L8)?)
+    write_whole(path, &encode_samples(&mask.coverage, mask.width, mask.height, image::ExtendedColorType::L8)?)
 }
 
 /// PNG bytes of raw samples (big-endian for 16 bits).
-pub(crate) fn encode_png(
+pub(crate) fn encode_samples(
     samples: &[u8],
     width: usize,
     height: usize,

@@ -1,7 +1,7 @@
 use super::fitting::Fitting;
+use super::shared::Body;
 use crate::Common;
 use animimic::animate::{Flesh, Stage};
-use animimic::sim::tet::DEFAULT_TETS;
 use animimic::{Error, Job, Physics, Progress};
 use std::path::{Path, PathBuf};
 
@@ -24,12 +24,8 @@ pub struct Animate {
     /// Name of a joint that does not hold what hangs on it; others are found by evidence; several may be given
     #[arg(long = "loose", value_name = "JOINT")]
     loose: Vec<String>,
-    /// How many tets are simulated, about
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_TETS)]
-    tets: usize,
-    /// Length of the model's diagonal [m]: larger things sway more slowly
-    #[arg(long, value_name = "M", default_value_t = 1.0)]
-    size_m: f64,
+    #[command(flatten)]
+    body: Body,
     /// How motion beyond the skeleton is delivered (see `animimic list physics`)
     #[arg(long, value_name = "NAME", default_value_t = Physics::default())]
     physics: Physics,
@@ -63,7 +59,7 @@ impl Animate {
 
     fn flesh(&self) -> Flesh {
         let young = self.young.unwrap_or(Flesh::default().young);
-        Flesh { tets: self.tets, size_m: self.size_m, young, loose: self.loose.clone() }
+        Flesh { tets: self.body.tets, size_m: self.body.size_m, young, loose: self.loose.clone() }
     }
 }
 

@@ -1,5 +1,6 @@
 //! What `animate` and `fit` have in common.
 
+use super::shared::Mend;
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::camera::CameraChoice;
@@ -40,9 +41,8 @@ pub struct Fitting {
     /// Height at which the video is worked on [px]; never enlarged
     #[arg(long, value_name = "PX", default_value_t = 512)]
     pub height: usize,
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    pub repair: bool,
+    #[command(flatten)]
+    pub mend: Mend,
     /// How the motion is found (see `animimic list presets`)
     #[arg(long, value_name = "NAME", default_value_t = Preset::Default)]
     pub preset: Preset,
@@ -77,7 +77,7 @@ impl Fitting {
             depth: self.depth.clone(),
             depth_kind: self.depth_kind,
             preset: self.preset,
-            repair: self.repair,
+            repair: self.mend.repair,
             seed: common.seed,
             ..Job::new(model, videos, out)
         }

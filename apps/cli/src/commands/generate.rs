@@ -1,3 +1,4 @@
+use super::shared::Mend;
 use super::still::size;
 use crate::bar::Bar;
 use crate::{Common, out};
@@ -30,9 +31,8 @@ pub struct Generate {
     /// Width and height of the still [px]
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
     size: [u32; 2],
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    repair: bool,
+    #[command(flatten)]
+    mend: Mend,
     /// The service's model [default: one that the provider names]
     #[arg(long = "service-model", value_name = "NAME")]
     service_model: Option<String>,
@@ -72,7 +72,7 @@ impl Generate {
         let start = match (&self.still, &self.model) {
             (Some(still), _) => Start::Still(still.clone()),
             (None, Some(model)) => {
-                Start::Model { model: model.clone(), camera: self.camera.clone(), size_px: self.size, repair: self.repair }
+                Start::Model { model: model.clone(), camera: self.camera.clone(), size_px: self.size, repair: self.mend.repair }
             }
             (None, None) => anyhow::bail!("give a model, or --still FILE"),
         };

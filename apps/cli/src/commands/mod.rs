@@ -1,6 +1,7 @@
 //! One file per command. A new command is a file with a struct of options and its `run`, and one line in the list below.
 
 mod fitting;
+mod shared;
 
 use crate::Common;
 

@@ -1,3 +1,4 @@
+use super::shared::Mend;
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::camera::CameraChoice;
@@ -35,9 +36,8 @@ pub struct Render {
     /// Frames per second
     #[arg(long, value_name = "FPS", default_value_t = 24.0)]
     fps: f64,
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    repair: bool,
+    #[command(flatten)]
+    mend: Mend,
 }
 
 impl Render {
@@ -53,7 +53,7 @@ impl Render {
             video: self.video.clone(),
             at_secs: self.at,
             fps: self.fps,
-            repair: self.repair,
+            repair: self.mend.repair,
         };
         let mut bar = Bar::new(common);
         let frames = animimic::turntable::render(&shoot, &mut |e| bar.on_event(e))?;

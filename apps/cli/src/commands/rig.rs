@@ -1,3 +1,4 @@
+use super::shared::Mend;
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::rigging::{DEFAULT_RIGGER, RigJob, rig_files};
@@ -22,9 +23,8 @@ pub struct Rig {
     /// Also draw skeleton and weights: .png for all sides, .mp4 for a turntable
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    repair: bool,
+    #[command(flatten)]
+    mend: Mend,
 }
 
 impl Rig {
@@ -36,7 +36,7 @@ impl Rig {
             detail: self.detail,
             file: self.from.clone(),
             picture: self.picture.clone(),
-            repair: self.repair,
+            repair: self.mend.repair,
         };
         let mut bar = Bar::new(common);
         let report = rig_files(&job, &mut |e| bar.on_event(e))?;

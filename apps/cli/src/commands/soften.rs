@@ -1,8 +1,8 @@
+use super::shared::{Body, Mend};
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::Physics;
 use animimic::camera::CameraChoice;
-use animimic::sim::tet::DEFAULT_TETS;
 use animimic::soften::Softness;
 use serde_json::Value;
 use std::path::PathBuf;
@@ -26,12 +26,8 @@ pub struct Soften {
     /// Name of a joint that does not hold what hangs on it (a tail, ears, a cape); several may be given
     #[arg(long = "loose", value_name = "JOINT")]
     loose: Vec<String>,
-    /// How many tets are simulated, about
-    #[arg(long, value_name = "N", default_value_t = DEFAULT_TETS)]
-    tets: usize,
-    /// Length of the model's diagonal [m]: larger things sway more slowly
-    #[arg(long, value_name = "M", default_value_t = 1.0)]
-    size_m: f64,
+    #[command(flatten)]
+    body: Body,
     /// How fast sway dies down [1/s]
     #[arg(long, value_name = "RATE", default_value_t = 0.0)]
     damping: f64,
@@ -47,9 +43,8 @@ pub struct Soften {
     /// How the soft motion is written (see `animimic list physics`)
     #[arg(long, value_name = "NAME", default_value_t = Physics::default())]
     physics: Physics,
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    repair: bool,
+    #[command(flatten)]
+    mend: Mend,
 }
 
 impl Soften {
@@ -59,14 +54,14 @@ impl Soften {
             camera: self.camera.clone(),
             clip: self.clip.clone(),
             softness: self.softness.clone(),
-            tets: self.tets,
-            size_m: self.size_m,
+            tets: self.body.tets,
+            size_m: self.body.size_m,
             loose: self.loose.clone(),
             damping: self.damping,
             fps: self.fps,
             physics: self.physics,
             height_px: self.height,
-            repair: self.repair,
+            repair: self.mend.repair,
             ..animimic::soften::Soften::new(&self.model, &self.out)
         };
         let mut bar = Bar::new(common);

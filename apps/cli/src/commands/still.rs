@@ -1,3 +1,4 @@
+use super::shared::Mend;
 use crate::{Common, out};
 use animimic::camera::CameraChoice;
 use std::path::PathBuf;
@@ -18,9 +19,8 @@ pub struct Still {
     /// Background colour as RRGGBB [default: one that stands out from the model]
     #[arg(long, value_name = "RRGGBB", value_parser = color)]
     background: Option<[u8; 3]>,
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    repair: bool,
+    #[command(flatten)]
+    mend: Mend,
 }
 
 pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
@@ -44,7 +44,7 @@ impl Still {
             camera: self.camera.clone(),
             size_px: self.size,
             background: self.background,
-            repair: self.repair,
+            repair: self.mend.repair,
         };
         let drawn = animimic::still::still(&job)?;
         out::print(common, &drawn.to_json(), || {

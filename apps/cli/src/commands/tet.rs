@@ -1,3 +1,4 @@
+use super::shared::Mend;
 use crate::{Common, out};
 use animimic::sim::tet::DEFAULT_TETS;
 use std::path::PathBuf;
@@ -12,14 +13,13 @@ pub struct Tet {
     /// About how many tets
     #[arg(long, value_name = "N", default_value_t = DEFAULT_TETS)]
     tets: usize,
-    /// Mend what is broken in small ways (indices out of range, values that are not finite) and say how much
-    #[arg(long)]
-    repair: bool,
+    #[command(flatten)]
+    mend: Mend,
 }
 
 impl Tet {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
-        let json = animimic::tet::tet_files(&self.model, &self.out, self.tets, self.repair)?.to_json();
+        let json = animimic::tet::tet_files(&self.model, &self.out, self.tets, self.mend.repair)?.to_json();
         out::print(common, &json, || out::lines(&json))
     }
 }

@@ -4,6 +4,7 @@
 //! with L's own weights. Silhouette and colour have no such bound; the nearest contour stands in for both, heavier far from the
 //! end, where it is off by many pixels. The Hessian of the whole is the metric in which L itself is minimised afterwards.
 
+use animimic_fit::reference::{LIMIT_RAD, REG, SMOOTH, TRACK, TRANSLATION};
 use animimic_fit::robust::Robust;
 use animimic_fit::solver::{Problem, Smoothness};
 use animimic_fit::stage1::solve::Stage;
@@ -17,12 +18,6 @@ use std::f64::consts::PI;
 /// The majorised energy is this many times L: the solver's damping has an absolute part.
 pub const UNIT: f64 = 1e4;
 
-/// L's weights of track, first and second differences and regularity, its limit and its weight of translations
-/// (`fit::reference::loss`).
-const TRACK: f64 = 3.0;
-const SMOOTH: [f64; 2] = [0.3, 1.0];
-const LIMIT_RAD: f64 = PI / 10.0;
-const TRANSLATION: f64 = 100.0;
 /// Residuals below this count as squares [px].
 const HUBER_PX: f64 = 0.3;
 /// Reach of the contour [px].
@@ -64,7 +59,7 @@ pub fn majorised<R>(stage: &Stage, poses: &[FramePose], boost: f64, work: impl F
     }
 
     let free = |j: &usize| tree.parents[*j].is_some() && tree.turns[*j];
-    let joint = per_frame / (0..tree.len()).filter(free).count().max(1) as f64;
+    let joint = per_frame * REG / (0..tree.len()).filter(free).count().max(1) as f64;
     let held = JointPrior {
         limit_rad: LIMIT_RAD,
         limit_stiffness: joint,

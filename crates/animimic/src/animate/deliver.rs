@@ -9,7 +9,7 @@ use crate::film::film;
 use crate::physics::{self, Delivery, Physics};
 use crate::run::safe;
 use animimic_scene::io::gltf::ExportOptions;
-use animimic_scene::{Asset, Refined, io};
+use animimic_scene::{Asset, Refined, Trajectory, io};
 use animimic_video::write_png;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -50,8 +50,11 @@ pub fn write(
     let folder = &job.out;
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     tell(progress, Event::Stage { name: "writing" })?;
-    let mut files = glb(&folder.join("animated.glb"), job.physics, asset, &skinned(takes), report, clock)?;
-    if job.stage == super::Stage::Soft {
+    let soft = job.stage == super::Stage::Soft;
+    // What goes beyond the skeleton goes with `soft.glb`.
+    let physics = if soft { Physics::NONE } else { job.physics };
+    let mut files = glb(&folder.join("animated.glb"), physics, asset, &skinned(takes), report, clock)?;
+    if soft {
         files.extend(glb(&folder.join("soft.glb"), job.physics, asset, &refined(takes), report, clock)?);
     }
     let mut shown = Vec::new();
@@ -79,7 +82,8 @@ pub fn skinned(takes: &[Take]) -> Vec<Refined> {
 
 /// The takes with their soft surfaces.
 fn refined(takes: &[Take]) -> Vec<Refined> {
-    takes.iter().map(|t| Refined { motion: t.motion.clone(), trajectory: t.trajectory.clone() }).collect()
+    let surface = |t: &Take| t.soft_kept.then(|| Trajectory { fps: t.motion.fps, frames: t.soft.clone() });
+    takes.iter().map(|t| Refined { motion: t.motion.clone(), trajectory: surface(t) }).collect()
 }
 
 /// Writes the model with a clip per take, and what goes with it; what made it travels in the file, and what it lost in the report.

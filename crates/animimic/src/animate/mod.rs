@@ -31,7 +31,7 @@ use crate::run::{Checkpoints, Key, Run, memory, safe};
 use crate::{Against, Error, evaluate, rigging};
 use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
-use animimic_scene::{Asset, CameraFile, Cues, Motion, Trajectory, Video, io};
+use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
 use animimic_video::cues;
 use kept::Seen;
 use std::cell::OnceCell;
@@ -47,10 +47,10 @@ pub(crate) struct Take {
     pub mask_confidence: Vec<f32>,
     pub camera: CameraFile,
     pub motion: Motion,
-    /// Where the surface goes beyond the skin; `None` where it does not.
-    pub trajectory: Option<Trajectory>,
     /// The soft surface \[frame\]\[vertex\], also where it is not kept; empty where it was not asked for.
-    pub shown: Vec<Vec<glam::DVec3>>,
+    pub soft: Vec<Vec<glam::DVec3>>,
+    /// Whether it is the result: whether the frames speak for it.
+    pub soft_kept: bool,
     /// What the frames said of the soft surface; null where they were not asked.
     pub softness: serde_json::Value,
     pub losses: Vec<LossCurve>,
@@ -147,9 +147,8 @@ fn finished(job: &Job, run: &Run, progress: &mut Progress) -> Result<Option<Repo
     }
     tell(progress, Event::Stage { name: "reading" })?;
     let mut asset = read_model(job)?;
-    let made_rig = makes_rig(job, &asset);
-    rigging::choose(&mut asset, &job.model, &job.rig)?;
-    let model = keys::model(&asset, made_rig);
+    let rig = rigging::choose(&mut asset, &job.model, &job.rig)?;
+    let model = keys::model(&asset, rig.made);
     let mut motions = Vec::new();
     for (index, name) in job.clip_names().iter().enumerate() {
         motions.push(keys::motion(job, name, &keys::seen(job, index, &model, &read_video(job, index)?)?));
@@ -167,13 +166,12 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     tell(progress, Event::Stage { name: "reading" })?;
     let mut asset = clock.time("read", || read_model(job))?;
     tell(progress, Event::Stage { name: "rigging" })?;
-    let made_rig = makes_rig(job, &asset);
     let rig = clock.time("rig", || rigging::choose(&mut asset, &job.model, &job.rig))?;
     for warning in &asset.warnings {
         tell(progress, Event::Warning(warning.clone()))?;
     }
     let stand_in = clock.time("read", || Ok(proxy(&asset, PROXY_TRIANGLES)))?;
-    let model = Model::new(&asset, &stand_in, made_rig);
+    let model = Model::new(&asset, &stand_in, rig.made);
     // Hashed when the first video is read: bad inputs are refused before.
     let key = OnceCell::new();
     let names = job.clip_names();
@@ -195,14 +193,9 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
         tell(progress, Event::Stage { name: "measuring" })?;
         clips.push(clock.time("metrics", || clip_report(model.solved, take))?);
     }
-    let report = Report { material, ..Report::new(job, &asset, rig, clips) };
+    let report = Report { material, ..Report::new(job, &asset, rig.words, clips) };
     let key = keys::whole(job, &motions);
     Ok((Work { asset, takes, key }, report))
-}
-
-/// Whether the job is to make a skeleton for what was read.
-fn makes_rig(job: &Job, asset: &Asset) -> bool {
-    job.rig == rigging::RigChoice::Auto && !asset.rig.is_articulated()
 }
 
 fn read_model(job: &Job) -> Result<Asset, Error> {
@@ -229,11 +222,7 @@ fn take(
     clock: &mut Clock,
     progress: &mut Progress,
 ) -> Result<(Take, Key), Error> {
-    tell(progress, Event::Stage { name: "reading" })?;
-    let video = clock.time("read", || read_video(job, index))?;
-    for warning in &video.warnings {
-        tell(progress, Event::Warning(format!("{name}: {warning}")))?;
-    }
+    let video = watch(job, index, &name, clock, progress)?;
     let memory_bytes = memory::needed(model.asset, &video);
     if let Some(warning) = memory::check(&name, memory_bytes, video.frames.len())? {
         tell(progress, Event::Warning(warning))?;
@@ -265,8 +254,8 @@ fn take(
         mask_confidence: found.mask_confidence,
         camera,
         motion: solved.motion,
-        trajectory: None,
-        shown: Vec::new(),
+        soft: Vec::new(),
+        soft_kept: false,
         softness: serde_json::Value::Null,
         losses: solved.losses,
         uncertain: solved.uncertain,
@@ -278,13 +267,20 @@ fn take(
 
 /// A video, its cues and its camera, for others than a job of its own.
 pub(crate) fn footage(job: &Job, model: Model, name: &str, progress: &mut Progress) -> Result<(Video, Seen), Error> {
+    let mut clock = Clock::default();
+    let video = watch(job, 0, name, &mut clock, progress)?;
+    let seen = see(job, model, 0, &video, &mut clock, progress)?;
+    Ok((video, seen))
+}
+
+/// Reads video number `index` and tells what is odd about it.
+fn watch(job: &Job, index: usize, name: &str, clock: &mut Clock, progress: &mut Progress) -> Result<Video, Error> {
     tell(progress, Event::Stage { name: "reading" })?;
-    let video = read_video(job, 0)?;
+    let video = clock.time("read", || read_video(job, index))?;
     for warning in &video.warnings {
         tell(progress, Event::Warning(format!("{name}: {warning}")))?;
     }
-    let seen = see(job, model, 0, &video, &mut Clock::default(), progress)?;
-    Ok((video, seen))
+    Ok(video)
 }
 
 /// Finds the cues in a video and its camera.

@@ -42,6 +42,12 @@ pub struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
+    /// What is behind the object \[frame\].
+    pub fn backgrounds(&self) -> Vec<Image> {
+        let frames = self.video.frames.par_iter().enumerate();
+        frames.map(|(t, frame)| background_picture(self.background, frame, t)).collect()
+    }
+
     /// What stage 1 looks at, over the backgrounds \[frame\].
     pub fn input(&self, backgrounds: &'a [Image]) -> Input<'a> {
         Input {
@@ -70,9 +76,7 @@ pub fn find(
     keeper: &mut dyn Keeper,
     progress: &mut Progress,
 ) -> Result<Solved, Error> {
-    let frames = &scene.video.frames;
-    let backgrounds: Vec<Image> =
-        (0..frames.len()).into_par_iter().map(|t| background_picture(scene.background, &frames[t], t)).collect();
+    let backgrounds = scene.backgrounds();
     let input = scene.input(&backgrounds);
     match preset {
         Preset::Default => {

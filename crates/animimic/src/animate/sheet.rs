@@ -49,9 +49,9 @@ impl<'a> Stage<'a> {
         let main = &self.take.camera.main;
         let draw = |camera: &Camera, x: &[DVec3]| self.studio.draw(camera, x, self.background).0;
         let mut panels = vec![("video", video.clone())];
-        if let Some(soft) = self.take.shown.get(t) {
+        if let Some(soft) = self.take.soft.get(t) {
             let skinned = posed(self.asset, &self.take.motion.poses[t]);
-            let label = if self.take.trajectory.is_some() { "soft" } else { "soft (not kept)" };
+            let label = if self.take.soft_kept { "soft" } else { "soft (not kept)" };
             panels.extend([("skinning", draw(main, &skinned)), (label, draw(main, soft))]);
         } else {
             panels.push(("result", draw(main, &result)));
@@ -105,8 +105,7 @@ impl<'a> Stage<'a> {
 
     /// The surface that was found: the soft one where there is one.
     fn surface(&self, t: usize) -> Vec<DVec3> {
-        let soft = self.take.trajectory.as_ref().map(|s| s.frames[t].clone());
-        soft.unwrap_or_else(|| posed(self.asset, &self.take.motion.poses[t]))
+        if self.take.soft_kept { self.take.soft[t].clone() } else { posed(self.asset, &self.take.motion.poses[t]) }
     }
 
     /// Lines from joints to their parents.
@@ -128,5 +127,5 @@ impl<'a> Stage<'a> {
 }
 
 fn posed(asset: &Asset, pose: &Pose) -> Vec<DVec3> {
-    asset.rig.skinned(&asset.rig.skeleton.world_from_joint(&pose.locals))
+    asset.rig.in_pose(pose)
 }

@@ -5,23 +5,28 @@ use super::{Job, Model, Take};
 use crate::Error;
 use crate::event::Progress;
 use crate::run::{Kept, Key, Record, Run};
-use crate::soften::filmed::{Ask, Filmed, Outcome, refine as soften};
-use crate::soften::joints;
-use animimic_fit::soft::Settings;
-use animimic_scene::Trajectory;
+use crate::soften::filmed::{Ask, Filmed, refine as soften};
+use crate::soften::settings;
 use glam::DVec3;
 use serde_json::{Value, json};
 
 /// Soft surfaces of all takes.
+#[derive(Debug)]
 struct Flesh {
-    /// Where the frames speak for it: the surface \[take\].
-    trajectories: Vec<Option<Trajectory>>,
-    /// The surface to be looked at \[take\]\[frame\]\[vertex\].
-    shown: Vec<Vec<Vec<DVec3>>>,
-    /// What each take's frames said \[take\].
-    reports: Vec<Value>,
+    takes: Vec<Soft>,
     /// What was learnt of the material.
     material: Value,
+}
+
+/// The soft surface of a take.
+#[derive(Debug)]
+struct Soft {
+    /// The surface \[frame\]\[vertex\], also where it is not kept: to be looked at.
+    surface: Vec<Vec<DVec3>>,
+    /// Whether the frames speak for it.
+    kept: bool,
+    /// What they said.
+    report: Value,
 }
 
 /// Gives each take the soft surface that its frames speak for, found now or before; returns what was learnt of the material.
@@ -34,23 +39,15 @@ pub fn refine(
     progress: &mut Progress,
 ) -> Result<Value, Error> {
     let flesh = run.kept("soft", key, || find(job, model, takes, progress))?;
-    let made = flesh.trajectories.into_iter().zip(flesh.shown).zip(flesh.reports);
-    for (take, ((trajectory, shown), report)) in takes.iter_mut().zip(made) {
-        take.trajectory = trajectory;
-        take.shown = shown;
-        take.softness = report;
+    for (take, soft) in takes.iter_mut().zip(flesh.takes) {
+        (take.soft, take.soft_kept, take.softness) = (soft.surface, soft.kept, soft.report);
     }
     Ok(flesh.material)
 }
 
 fn find(job: &Job, model: Model, takes: &[Take], progress: &mut Progress) -> Result<Flesh, Error> {
     let flesh = &job.flesh;
-    let settings = Settings {
-        tets: flesh.tets,
-        size_m: flesh.size_m,
-        loose: joints(model.asset, &flesh.loose)?,
-        ..Settings::default()
-    };
+    let settings = settings(model.asset, flesh.tets, flesh.size_m, &flesh.loose)?;
     let ask = Ask { settings, young: flesh.young };
     let filmed: Vec<Filmed> = takes
         .iter()
@@ -66,38 +63,26 @@ fn find(job: &Job, model: Model, takes: &[Take], progress: &mut Progress) -> Res
             motion: &take.motion,
         })
         .collect();
-    let outcome = soften(model.asset, model.solved, &filmed, &ask, progress)?;
-    let Outcome { clips: _, shown, trajectories, reports, material } = outcome;
-    Ok(Flesh { trajectories, shown, reports, material })
+    let (outcomes, material) = soften(model.asset, model.solved, &filmed, &ask, progress)?;
+    let takes = outcomes.into_iter().map(|o| Soft { surface: o.shown, kept: o.kept, report: o.report }).collect();
+    Ok(Flesh { takes, material })
 }
 
 impl Kept for Flesh {
     fn to_record(&self) -> Record {
-        let rates: Vec<Option<f64>> = self.trajectories.iter().map(|t| t.as_ref().map(|t| t.fps)).collect();
-        let json = json!({"rates": rates, "reports": self.reports, "material": self.material});
-        let mut record = Record { json, arrays: Vec::new() };
-        for (k, (trajectory, shown)) in self.trajectories.iter().zip(&self.shown).enumerate() {
-            record = with_surface(record, &format!("shown_{k}"), shown);
-            if let Some(t) = trajectory {
-                record = with_surface(record, &format!("surface_{k}"), &t.frames);
-            }
-        }
-        record
+        let takes: Vec<Value> = self.takes.iter().map(|t| json!([t.kept, t.report])).collect();
+        let record = Record { json: json!({"takes": takes, "material": self.material}), arrays: Vec::new() };
+        let surfaces = self.takes.iter().enumerate();
+        surfaces.fold(record, |record, (k, take)| with_surface(record, &format!("surface_{k}"), &take.surface))
     }
 
     fn from_record(record: Record) -> Option<Self> {
-        let json = &record.json;
-        let rates: Vec<Option<f64>> = serde_json::from_value(json["rates"].clone()).ok()?;
-        let trajectory = |(k, fps): (usize, &Option<f64>)| match fps {
-            None => Some(None),
-            Some(fps) => surface(&record, &format!("surface_{k}")).map(|frames| Some(Trajectory { fps: *fps, frames })),
+        let take = |(k, v): (usize, &Value)| {
+            let surface = surface(&record, &format!("surface_{k}"))?;
+            Some(Soft { surface, kept: v.get(0)?.as_bool()?, report: v.get(1)?.clone() })
         };
-        Some(Self {
-            trajectories: rates.iter().enumerate().map(trajectory).collect::<Option<_>>()?,
-            shown: (0..rates.len()).map(|k| surface(&record, &format!("shown_{k}"))).collect::<Option<_>>()?,
-            reports: json["reports"].as_array()?.clone(),
-            material: json["material"].clone(),
-        })
+        let takes = record.json["takes"].as_array()?.iter().enumerate().map(take).collect::<Option<_>>()?;
+        Some(Self { takes, material: record.json["material"].clone() })
     }
 }
 
@@ -124,16 +109,16 @@ mod tests {
     fn soft_surfaces_come_back_to_the_last_bit() {
         let frames = vec![vec![DVec3::new(1.0 / 3.0, -0.0, 1e-300); 4]; 3];
         let flesh = Flesh {
-            trajectories: vec![None, Some(Trajectory { fps: 29.97, frames: frames.clone() })],
-            shown: vec![Vec::new(), frames],
-            reports: vec![json!({"gain": 1.0 / 3.0}), Value::Null],
+            takes: vec![
+                Soft { surface: Vec::new(), kept: false, report: json!({"gain": 1.0 / 3.0}) },
+                Soft { surface: frames, kept: true, report: Value::Null },
+            ],
             material: json!([0.1, "a"]),
         };
         let folder = tempfile::tempdir().expect("made");
         let (path, key) = (folder.path().join("a.npz"), Key::new("test"));
         flesh.to_record().write(&path, &key).expect("written");
         let back = Flesh::from_record(Record::read(&path, &key).expect("read")).expect("of this kind");
-        let words = |f: &Flesh| format!("{:?} {:?} {:?} {:?}", f.trajectories, f.shown, f.reports, f.material);
-        assert_eq!(words(&back), words(&flesh));
+        assert_eq!(format!("{back:?}"), format!("{flesh:?}"));
     }
 }

@@ -73,7 +73,7 @@ pub fn film(example: &Example) -> Result<impl Iterator<Item = Image> + '_, Error
     let studio = Studio::with_light(&example.asset, Light::ambient_and_key(AMBIENT, KEY, TOWARDS_LIGHT))?;
     let rig = &example.asset.rig;
     Ok(example.motion.poses.iter().map(move |pose| {
-        let x = rig.skinned(&rig.skeleton.world_from_joint(&pose.locals));
+        let x = rig.in_pose(pose);
         studio.draw(&example.camera.main, &x, BACKGROUND).0
     }))
 }
@@ -119,7 +119,7 @@ mod tests {
             assert!((influences.iter().map(|i| i.weight).sum::<f64>() - 1.0).abs() < 1e-12);
         }
         assert!(mesh.uvs.iter().all(|uv| uv.min_element() >= 0.0 && uv.max_element() <= 1.0));
-        let first = e.asset.rig.skinned(&e.asset.rig.skeleton.world_from_joint(&e.motion.poses[0].locals));
+        let first = e.asset.rig.in_pose(&e.motion.poses[0]);
         let worst = first.iter().zip(&mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
         println!("frame 0 off rest by {worst:e}");
         assert!(worst < 1e-12 && e.motion.poses.len() == FRAMES);
@@ -130,7 +130,7 @@ mod tests {
         let e = creature();
         let (mut moved, mut n) = (0.0, 0);
         for pose in &e.motion.poses {
-            let x = e.asset.rig.skinned(&e.asset.rig.skeleton.world_from_joint(&pose.locals));
+            let x = e.asset.rig.in_pose(pose);
             for (a, b) in x.iter().zip(&e.asset.mesh.positions) {
                 let p = e.camera.main.project(*a);
                 assert!(p.min_element() > 4.0 && p.max_element() < f64::from(SIZE_PX) - 4.0, "{p}");

@@ -90,6 +90,9 @@ pub const ENCODINGS: &[&dyn Encoding] = &[&rig::Helpers, &morph::Targets, &frame
 pub struct Physics(&'static dyn Encoding);
 
 impl Physics {
+    /// The skeleton's motion alone.
+    pub const NONE: Self = Self(&none::Base);
+
     /// Its name.
     pub fn name(self) -> &'static str {
         self.0.name()

@@ -130,12 +130,21 @@ impl std::str::FromStr for RigChoice {
     }
 }
 
-/// Gives a model read from `path` the rig that was chosen, and says in words where it is from. A rig that was made is a warning of the
+/// Where a model's rig is from.
+#[derive(Clone, Debug)]
+pub struct Chosen {
+    /// In words.
+    pub words: String,
+    /// Whether it was made from the shape alone.
+    pub made: bool,
+}
+
+/// Gives a model read from `path` the rig that was chosen, and says where it is from. A rig that was made is a warning of the
 /// asset as well: it reaches the events and the report.
 ///
 /// # Errors
 /// No rig that bends the model where its own is to be kept; the rigger's own errors.
-pub fn choose(asset: &mut Asset, path: &Path, choice: &RigChoice) -> Result<String, Error> {
+pub fn choose(asset: &mut Asset, path: &Path, choice: &RigChoice) -> Result<Chosen, Error> {
     let articulated = asset.rig.is_articulated();
     let joints = asset.rig.skeleton.joints.len();
     if articulated && joints > MAX_JOINTS && !matches!(choice, RigChoice::File(_)) {
@@ -145,7 +154,9 @@ pub fn choose(asset: &mut Asset, path: &Path, choice: &RigChoice) -> Result<Stri
         )));
     }
     let (rigger, file) = match choice {
-        RigChoice::Auto | RigChoice::Keep if articulated => return Ok("the model's own".into()),
+        RigChoice::Auto | RigChoice::Keep if articulated => {
+            return Ok(Chosen { words: "the model's own".into(), made: false });
+        }
         RigChoice::Keep => {
             let what = "has no skeleton that bends it: leave out --rig keep, or give a rigged model";
             return Err(Error::Input(format!("{}: {what}", path.display())));
@@ -153,18 +164,19 @@ pub fn choose(asset: &mut Asset, path: &Path, choice: &RigChoice) -> Result<Stri
         RigChoice::Auto => (DEFAULT_RIGGER, None),
         RigChoice::File(file) => ("from-file", Some(file.clone())),
     };
+    let made = file.is_none();
     let options = RigOptions { file, raw_vertices: raw_vertices(path)?, ..RigOptions::default() };
     let rig = make(asset, rigger, &options)?;
     riggers::attach(asset, rig);
-    let made = RigReport::new(asset, rigger);
-    if rigger == DEFAULT_RIGGER {
+    let report = RigReport::new(asset, rigger);
+    if made {
         asset.warnings.push(format!(
             "the model has no skeleton that bends it: one of {} joints was made ({}); `animimic rig` shows it",
-            made.joints.len(),
-            made.rigger
+            report.joints.len(),
+            report.rigger
         ));
     }
-    Ok(format!("{}, {} joints", made.rigger, made.joints.len()))
+    Ok(Chosen { words: format!("{}, {} joints", report.rigger, report.joints.len()), made })
 }
 
 /// A rig for a model in memory.

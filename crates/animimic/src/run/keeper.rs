@@ -26,16 +26,12 @@ impl Kept for Saved {
     fn from_record(record: Record) -> Option<Self> {
         let &[stories, frames, joints, JOINT] = record.get("poses")?.shape.as_slice() else { return None };
         let values = record.f64s("poses")?;
-        let mut rows = values.as_chunks::<JOINT>().0.iter();
-        let mut pose = || -> Option<FramePose> {
-            let mut pose = FramePose { rotations: Vec::new(), displacements: Vec::new() };
-            for row in rows.by_ref().take(joints) {
-                pose.rotations.push(DMat3::from_cols_slice(&row[..9]));
-                pose.displacements.push(DVec3::from_slice(&row[9..]));
-            }
-            Some(pose)
+        let pose = |rows: &[[f64; JOINT]]| FramePose {
+            rotations: rows.iter().map(|r| DMat3::from_cols_slice(&r[..9])).collect(),
+            displacements: rows.iter().map(|r| DVec3::from_slice(&r[9..])).collect(),
         };
-        let stories = (0..stories).map(|_| (0..frames).map(|_| pose()).collect()).collect::<Option<Vec<Vec<_>>>>()?;
+        let mut poses = values.as_chunks::<JOINT>().0.chunks(joints.max(1)).map(pose);
+        let stories = (0..stories).map(|_| poses.by_ref().take(frames).collect()).collect();
         Some(Self { stories, numbers: record.f64s("numbers")? })
     }
 }

@@ -5,8 +5,8 @@ use super::softness::{DENSITY, POISSON};
 use crate::Error;
 use crate::animate::motion::Scene;
 use crate::event::{Event, Progress, tell};
-use crate::pictures::background_picture;
 use animimic_fit::FitError;
+use animimic_fit::soft::clusters::count;
 use animimic_fit::soft::learn::{Learnt, Verdict, Watched, Wish, judge, learn};
 use animimic_fit::soft::seen::energy;
 use animimic_fit::soft::{Settings, Stepping, Tissue};
@@ -14,9 +14,8 @@ use animimic_fit::stage1::solve::Stage;
 use animimic_fit::stage1::subject::Subject;
 use animimic_fit::stage1::{self, Input};
 use animimic_render::Light;
-use animimic_scene::{Asset, Image, Motion, Trajectory};
+use animimic_scene::{Asset, Image, Motion};
 use glam::DVec3;
-use rayon::prelude::*;
 use serde_json::{Value, json};
 
 /// A clip, and the video that shows it.
@@ -34,34 +33,32 @@ pub(crate) struct Ask {
     pub young: f64,
 }
 
-/// What was made of the clips.
+/// What was made of a clip.
 pub(crate) struct Outcome {
-    /// Each clip with its surface: where the frames do not speak for the soft one, the skinned one.
-    pub clips: Vec<Softened>,
-    /// Each clip's soft surface \[frame\]\[vertex\], also where it is not kept: to be looked at.
-    pub shown: Vec<Vec<Vec<DVec3>>>,
-    /// Where the frames speak for the soft surface: its trajectory.
-    pub trajectories: Vec<Option<Trajectory>>,
-    /// What each clip's frames said.
-    pub reports: Vec<Value>,
-    /// What was learnt of the material.
-    pub material: Value,
+    /// The clip with its surface: where the frames do not speak for the soft one, the skinned one.
+    pub softened: Softened,
+    /// The soft surface \[frame\]\[vertex\], also where it is not kept: to be looked at.
+    pub shown: Vec<Vec<DVec3>>,
+    /// Whether the frames speak for it.
+    pub kept: bool,
+    /// What they said.
+    pub report: Value,
 }
 
 /// Deviations below this share of the prior's are called learnt.
 const LEARNT: f64 = 0.5;
 
 /// Learns the material that the clips share and gives them soft tissue. Motions and videos are those of `solved`, the model or its
-/// stand-in; surfaces are those of `asset`.
+/// stand-in; surfaces are those of `asset`. Returns what was made of each clip, and what was learnt of the material.
 pub(crate) fn refine(
     asset: &Asset,
     solved: &Asset,
     filmed: &[Filmed],
     ask: &Ask,
     progress: &mut Progress,
-) -> Result<Outcome, Error> {
+) -> Result<(Vec<Outcome>, Value), Error> {
     let subject = Subject::new(solved)?;
-    let backgrounds: Vec<Vec<Image>> = filmed.iter().map(backgrounds).collect();
+    let backgrounds: Vec<Vec<Image>> = filmed.iter().map(|f| f.scene.backgrounds()).collect();
     let inputs: Vec<Input> = filmed.iter().zip(&backgrounds).map(|(f, b)| f.scene.input(b)).collect();
     let lights: Vec<Light> = inputs.iter().map(|i| stage1::first_light(i, &subject)).collect::<Result<_, _>>()?;
     let settings = stage1::Settings::default;
@@ -77,53 +74,25 @@ pub(crate) fn refine(
     tell(progress, Event::Stage { name: "soft tissue" })?;
     let tissue = Tissue::new(solved, &learnt.settings)?;
     let dense = if std::ptr::eq(asset, solved) { None } else { Some(Tissue::new(asset, &learnt.settings)?) };
-    let mut out = Outcome {
-        clips: Vec::new(),
-        shown: Vec::new(),
-        trajectories: Vec::new(),
-        reports: Vec::new(),
-        material: material(solved, &learnt),
-    };
-    for watched in &watched {
-        let one = clip(&tissue, dense.as_ref(), &learnt, watched, &filmed[out.clips.len()].motion.name)?;
-        out.trajectories.push(one.kept.then(|| one.softened.refined().trajectory).flatten());
-        out.reports.push(one.report);
-        out.shown.push(one.shown);
-        out.clips.push(one.softened);
-    }
-    Ok(out)
-}
-
-fn backgrounds(filmed: &Filmed) -> Vec<Image> {
-    let frames = &filmed.scene.video.frames;
-    let of = |t: usize| background_picture(filmed.scene.background, &frames[t], t);
-    (0..frames.len()).into_par_iter().map(of).collect()
-}
-
-/// One clip, its surface and whether it stays.
-struct Clip {
-    softened: Softened,
-    shown: Vec<Vec<DVec3>>,
-    kept: bool,
-    report: Value,
+    let clips = filmed.iter().zip(&stages).map(|(f, stage)| clip(&tissue, dense.as_ref(), &learnt, stage, f.motion));
+    Ok((clips.collect::<Result<_, _>>()?, material(solved, &learnt)))
 }
 
 fn clip(
     tissue: &Tissue,
     dense: Option<&Tissue>,
     learnt: &Learnt,
-    watched: &Watched,
-    name: &str,
-) -> Result<Clip, Error> {
-    let motion = Motion { name: name.into(), fps: watched.fps, poses: watched.poses.to_vec() };
-    let simulate = |tissue: &Tissue| body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), &motion);
+    stage: &Stage,
+    motion: &Motion,
+) -> Result<Outcome, Error> {
+    let simulate = |tissue: &Tissue| body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), motion);
     let mut softened = simulate(tissue)?;
-    let verdict = judge(tissue.asset, &learnt.groups, watched.stage, &softened.skinned, &softened.soft);
+    let verdict = judge(tissue.asset, &learnt.groups, stage, &softened.skinned, &softened.soft);
     let mut shown = softened.soft.clone();
     let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| soft <= skinned).collect();
     softened.blend(&shares(tissue.asset, learnt, &soft));
     softened.uncross(tissue);
-    let last = energy(watched.stage, &softened.soft);
+    let last = energy(stage, &softened.soft);
     let kept = soft.contains(&true) && last <= verdict.energies[0];
     if let Some(dense) = dense {
         softened = simulate(dense)?;
@@ -138,7 +107,7 @@ fn clip(
         softened.soft.clone_from(&softened.skinned);
     }
     words(&mut report, tissue.asset, learnt, &verdict, &soft, (last, kept));
-    Ok(Clip { softened, shown, kept, report })
+    Ok(Outcome { softened, shown, kept, report })
 }
 
 /// What the frames said, beside what the simulation did.
@@ -186,7 +155,7 @@ fn material(asset: &Asset, learnt: &Learnt) -> Value {
         "prior_young": learnt.wish.young, "prior_ln_deviation": learnt.wish.deviation,
         "size_m": learnt.settings.size_m, "tets": learnt.settings.tets, "roots_held": learnt.settings.held_roots,
         "loose": learnt.settings.loose.iter().map(|&j| joints[j].name.as_str()).collect::<Vec<_>>(),
-        "clusters": learnt.clusters.iter().max().map_or(0, |c| c + 1),
+        "clusters": count(&learnt.clusters),
         "groups": (0..learnt.groups.joints.len()).map(group).collect::<Vec<_>>(),
         "energy_first": learnt.energies[0], "energy_last": learnt.energies[1],
     })

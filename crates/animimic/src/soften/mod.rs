@@ -144,22 +144,23 @@ fn learnt(
         background: &seen.found.background,
     };
     let stiffness = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
-    let ask = filmed::Ask { settings: settings(job, asset)?, young: stiffness };
+    let settings = settings(asset, job.tets, job.size_m, &job.loose)?;
     let takes = [filmed::Filmed { scene, motion: &motion }];
-    let mut outcome = filmed::refine(asset, model.solved, &takes, &ask, progress)?;
-    let softened = outcome.clips.pop().expect("one clip went in");
-    let mut report = outcome.reports.pop().expect("one clip went in");
-    report["material"] = outcome.material;
+    let ask = filmed::Ask { settings, young: stiffness };
+    let (mut outcomes, material) = filmed::refine(asset, model.solved, &takes, &ask, progress)?;
+    let filmed::Outcome { softened, mut report, .. } = outcomes.pop().expect("one clip went in");
+    report["material"] = material;
     Ok((softened, report))
 }
 
-fn settings(job: &Soften, asset: &Asset) -> Result<Settings, Error> {
-    Ok(Settings { tets: job.tets, size_m: job.size_m, loose: joints(asset, &job.loose)?, ..Settings::default() })
+/// How tissue is made: about `tets` tets, a rest diagonal of `size_m`, joints of these names loose.
+pub(crate) fn settings(asset: &Asset, tets: usize, size_m: f64, loose: &[String]) -> Result<Settings, Error> {
+    Ok(Settings { tets, size_m, loose: joints(asset, loose)?, ..Settings::default() })
 }
 
 fn simulate(job: &Soften, asset: &Asset, motion: Motion, progress: &mut Progress) -> Result<Softened, Error> {
     tell(progress, Event::Stage { name: "tetrahedra" })?;
-    let tissue = Tissue::new(asset, &settings(job, asset)?)?;
+    let tissue = Tissue::new(asset, &settings(asset, job.tets, job.size_m, &job.loose)?)?;
     let elasticity = softness::elasticity(asset, &tissue, &job.softness)?;
     tell(progress, Event::Stage { name: "simulating" })?;
     let stepping = Stepping { mass_damping: job.damping, ..Stepping::default() };
@@ -170,7 +171,7 @@ fn simulate(job: &Soften, asset: &Asset, motion: Motion, progress: &mut Progress
 }
 
 /// Joints by name.
-pub(crate) fn joints(asset: &Asset, names: &[String]) -> Result<Vec<usize>, Error> {
+fn joints(asset: &Asset, names: &[String]) -> Result<Vec<usize>, Error> {
     let all = &asset.rig.skeleton.joints;
     let find = |name: &String| {
         all.iter().position(|j| j.name == *name).ok_or_else(|| {

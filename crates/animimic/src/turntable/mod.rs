@@ -7,6 +7,7 @@ pub use view::View;
 
 use crate::camera::CameraChoice;
 use crate::event::{Event, Progress, tell};
+use crate::film::{Encode, film_as};
 use crate::measure::clip;
 use crate::pictures::{Studio, background_picture};
 use crate::{Error, cues};
@@ -14,7 +15,7 @@ use animimic_render::{Light, overlay};
 use animimic_scene::io::{self, gltf};
 use animimic_scene::{Asset, Image, Video};
 use animimic_video::cues::providers::Found;
-use animimic_video::{VideoError, write_gif, write_mp4, write_png};
+use animimic_video::{VideoError, encode_gif, encode_mp4, encode_png};
 use glam::DVec3;
 use overlays::{Observed, Overlay, Seen};
 use std::path::{Path, PathBuf};
@@ -51,16 +52,12 @@ const BACKGROUND: [u8; 3] = [226, 228, 230];
 /// Length of a still model's turntable [s].
 const TURN_SECS: f64 = 4.0;
 
-/// Writes frames into a file at a rate.
-type Writer = fn(&Path, &mut dyn Iterator<Item = Image>, f64) -> Result<(), VideoError>;
-
 /// The kinds of files that are written; a picture is a video's only frame.
-const FILES: &[(&str, Writer)] = &[("mp4", write_mp4), ("gif", write_gif), ("png", write_first)];
+const FILES: &[(&str, Encode)] = &[("mp4", encode_mp4), ("gif", encode_gif), ("png", encode_first)];
 
-fn write_first(path: &Path, frames: &mut dyn Iterator<Item = Image>, _fps: f64) -> Result<(), VideoError> {
+fn encode_first(frames: &mut dyn Iterator<Item = Image>, _fps: f64) -> Result<Vec<u8>, VideoError> {
     // A stop comes before the frame: its error is told, not this one.
-    let frame = frames.next().ok_or(VideoError::Stopped)?;
-    write_png(path, &frame)
+    encode_png(&frames.next().ok_or(VideoError::Stopped)?)
 }
 
 /// Draws the views side by side and writes the file; returns the number of frames.
@@ -69,7 +66,7 @@ fn write_first(path: &Path, frames: &mut dyn Iterator<Item = Image>, _fps: f64) 
 /// Unreadable model or video, unknown clip, camera or overlay, residuals without a video, another kind of file, or a stop.
 pub fn render(shoot: &Shoot, progress: &mut Progress) -> Result<usize, Error> {
     let extension = shoot.out.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let (kind, write) = FILES
+    let (kind, encode) = FILES
         .iter()
         .find(|f| f.0 == extension)
         .ok_or_else(|| Error::Input(format!("{}: name a .mp4, .gif or .png file", shoot.out.display())))?;
@@ -85,22 +82,9 @@ pub fn render(shoot: &Shoot, progress: &mut Progress) -> Result<usize, Error> {
     let frames = if *kind == "png" { 1 } else { stage.frames };
     tell(progress, Event::Stage { name: "drawing" })?;
     let first = if *kind == "png" { (shoot.at_secs * stage.fps).round() as usize } else { 0 };
-    let mut stop = Ok(());
-    let mut drawn = (first..first + frames).map_while(|t| {
-        stop = tell(progress, Event::Step { done: (t - first) as f64 / frames as f64, loss: None });
-        stop.is_ok().then(|| stage.frame(t))
-    });
-    // Beside its place until it is whole: a stopped run must not take an older file along.
-    let name = shoot.out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let beside = shoot.out.with_file_name(format!(".{name}.{}.drawing", std::process::id()));
-    let written = write(&beside, &mut drawn, stage.fps);
-    let moved = stop.and(written.map_err(Error::from));
-    let moved = moved.and_then(|()| std::fs::rename(&beside, &shoot.out).map_err(Error::io(&shoot.out)));
-    if moved.is_err() {
-        // It may not have been written at all.
-        let _ = std::fs::remove_file(&beside);
-    }
-    moved.map(|()| frames)
+    let draw = |t: usize| stage.frame(first + t);
+    film_as(*encode, &shoot.out, (frames, stage.fps), (0.0, 1.0), draw, progress)?;
+    Ok(frames)
 }
 
 /// Everything that frames are drawn from.

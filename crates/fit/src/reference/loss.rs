@@ -21,14 +21,17 @@ use rayon::prelude::*;
 
 const RGB: f64 = 0.5;
 const MASK: f64 = 1.0;
-const TRACK: f64 = 3.0;
+/// Weight of the tracks.
+pub const TRACK: f64 = 3.0;
 const DEPTH: f64 = 0.3;
-const SMOOTH: [f64; 2] = [0.3, 1.0];
-const REG: f64 = 1.0;
+/// Weights of first and second differences of vertices.
+pub const SMOOTH: [f64; 2] = [0.3, 1.0];
+/// Weight of the regularity of joints.
+pub const REG: f64 = 1.0;
 /// Weight of a translation against an angle, both squared.
-const TRANSLATION: f64 = 100.0;
+pub const TRANSLATION: f64 = 100.0;
 /// Angle from rest beyond which a joint is pulled back [rad].
-const LIMIT_RAD: f64 = std::f64::consts::PI / 10.0;
+pub const LIMIT_RAD: f64 = std::f64::consts::PI / 10.0;
 /// Depth is compared where a track is at least this sure.
 const SURE: f64 = 0.45;
 /// Quantiles between which depth is spread.

@@ -10,7 +10,7 @@ mod loss;
 mod six_d;
 
 pub use adam::{Adam, Plateau};
-pub use loss::{Loss, Parts};
+pub use loss::{LIMIT_RAD, Loss, Parts, REG, SMOOTH, TRACK, TRANSLATION};
 pub use six_d::SixD;
 
 use crate::FitError;

@@ -112,17 +112,16 @@ pub fn by_joint(tissue: &Tissue, joints: &[usize]) -> Vec<u32> {
     main_joints(tissue).into_iter().map(rank).collect()
 }
 
+/// How many clusters a division has.
+pub fn count(cluster: &[u32]) -> usize {
+    cluster.iter().max().map_or(0, |c| *c as usize + 1)
+}
+
 /// Splits the cluster whose parts ask for it most, if that pays: at any group, what hangs on it from the rest. `cluster` says which
-/// each group is in; `system` gives the normal equations of a division into so many clusters, with priors. A split pays
-/// where the model's minimum falls by more than `price`.
-pub(super) fn split(
-    groups: &Groups,
-    cluster: &mut Vec<u32>,
-    price: f64,
-    system: impl Fn(&[u32], usize) -> Normal,
-) -> bool {
-    let count = cluster.iter().max().map_or(0, |c| *c as usize + 1);
-    let now = system(cluster, count).promise();
+/// each group is in; `system` gives the normal equations of a division into clusters, with priors. A split pays where the model's minimum falls by more than `price`.
+pub(super) fn split(groups: &Groups, cluster: &mut Vec<u32>, price: f64, system: impl Fn(&[u32]) -> Normal) -> bool {
+    let count = count(cluster);
+    let now = system(cluster).promise();
     let mut best: Option<(f64, Vec<u32>)> = None;
     for group in 0..groups.parents.len() {
         let below = groups.below(group);
@@ -133,7 +132,7 @@ pub(super) fn split(
         if !parted.contains(&own) {
             continue;
         }
-        let gain = system(&parted, count + 1).promise() - now;
+        let gain = system(&parted).promise() - now;
         if best.as_ref().is_none_or(|b| gain > b.0) {
             best = Some((gain, parted));
         }
@@ -165,9 +164,9 @@ mod tests {
             row[g] = 1.0;
             fine.add(&row, wish, 30.0);
         }
-        let system = |cluster: &[u32], count: usize| {
-            let mut n = fine.merged(cluster, count);
-            (0..count).for_each(|c| n.add_prior(c, 0.0, 0.1));
+        let system = |cluster: &[u32]| {
+            let mut n = fine.merged(cluster, count(cluster));
+            (0..count(cluster)).for_each(|c| n.add_prior(c, 0.0, 0.1));
             n
         };
         let mut cluster = vec![0; 4];

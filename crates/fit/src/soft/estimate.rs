@@ -8,7 +8,7 @@
 //! Coarse to fine: all groups of flesh have one modulus first; where no step helps any more, the cluster whose parts pull
 //! apart most is split, as long as the model's minimum falls by more than what a parameter costs (ln n, Schwarz 1978).
 
-use super::clusters::{Groups, split};
+use super::clusters::{Groups, count, split};
 use super::evidence::{Evidence, Residual};
 use super::normal::Normal;
 use super::{Simulated, Stepping, Tissue};
@@ -167,7 +167,6 @@ impl Problem<'_, '_> {
     /// As [`Tissue::simulate`]; no evidence at all.
     pub fn fit(&self, prior: &Elasticity, from: Option<&Estimate>, iterations: usize) -> Result<Estimate, FitError> {
         self.check(prior)?;
-        let count = prior.ln_youngs.len();
         let (mut now, mut cluster) = match from {
             Some(e) => (self.run(e.elasticity.clone(), e.mass_damping)?, e.clusters.clone()),
             None => (self.scan(prior, &SCAN.0, if self.damping { &SCAN.1 } else { &[0.0] })?, self.coarse()),
@@ -183,7 +182,7 @@ impl Problem<'_, '_> {
                 fine = self.normal(&now)?;
             }
             let price = self.observations().ln();
-            let system = |cluster: &[u32], _: usize| self.system(&now, prior, &fine, cluster);
+            let system = |cluster: &[u32]| self.system(&now, prior, &fine, cluster);
             let mut parted = false;
             if let Some(groups) = self.groups.filter(|_| gain < SETTLED[0]) {
                 while split(groups, &mut cluster, price, system) {
@@ -197,7 +196,7 @@ impl Problem<'_, '_> {
         let own = self.system(&now, prior, &fine, &cluster).deviations();
         Ok(Estimate {
             mass_damping: now.damping,
-            deviations: (0..count).map(|g| own[cluster[g] as usize]).collect(),
+            deviations: cluster.iter().map(|&c| own[c as usize]).collect(),
             clusters: cluster,
             elasticity: now.elasticity,
             energies: history,
@@ -266,24 +265,12 @@ impl Problem<'_, '_> {
 
     /// Precision of the prior of each cluster: the mean of its groups'.
     fn precisions(&self, cluster: &[u32]) -> Vec<f64> {
-        let count = cluster.iter().max().map_or(0, |c| *c as usize + 1);
-        let mut sums = vec![(0.0, 0.0); count];
-        for (c, d) in cluster.iter().zip(self.prior_deviations) {
-            let s = &mut sums[*c as usize];
-            *s = (s.0 + d.powi(-2), s.1 + 1.0);
-        }
-        sums.iter().map(|s| s.0 / f64::max(s.1, 1.0)).collect()
+        means(cluster, self.prior_deviations.iter().map(|d| d.powi(-2)))
     }
 
     /// How far each cluster is from its prior: the mean of its groups'.
     fn away(now: &Elasticity, prior: &Elasticity, cluster: &[u32]) -> Vec<f64> {
-        let count = cluster.iter().max().map_or(0, |c| *c as usize + 1);
-        let mut sums = vec![(0.0, 0.0); count];
-        for (c, (l, p)) in cluster.iter().zip(now.ln_youngs.iter().zip(&prior.ln_youngs)) {
-            let s = &mut sums[*c as usize];
-            *s = (s.0 + l - p, s.1 + 1.0);
-        }
-        sums.iter().map(|s| s.0 / f64::max(s.1, 1.0)).collect()
+        means(cluster, now.ln_youngs.iter().zip(&prior.ln_youngs).map(|(l, p)| l - p))
     }
 
     /// Energy over s², and the priors.
@@ -295,7 +282,7 @@ impl Problem<'_, '_> {
 
     /// Normal equations of clusters, with priors; the damping comes last where it is fitted.
     fn system(&self, now: &State, prior: &Elasticity, fine: &Normal, cluster: &[u32]) -> Normal {
-        let clusters = cluster.iter().max().map_or(0, |c| *c as usize + 1);
+        let clusters = count(cluster);
         let mut all = cluster.to_vec();
         all.extend(self.damping.then_some(clusters as u32));
         let mut normal = fine.merged(&all, clusters + usize::from(self.damping));
@@ -374,4 +361,14 @@ impl Run {
     fn energy(&self) -> f64 {
         self.residuals.iter().flatten().map(Residual::energy).sum::<f64>() + self.rendered.iter().sum::<f64>()
     }
+}
+
+/// Mean of the groups' values in each cluster.
+fn means(cluster: &[u32], values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0f64); count(cluster)];
+    for (c, value) in cluster.iter().zip(values) {
+        let s = &mut sums[*c as usize];
+        *s = (s.0 + value, s.1 + 1.0);
+    }
+    sums.iter().map(|s| s.0 / s.1.max(1.0)).collect()
 }

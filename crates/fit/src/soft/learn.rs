@@ -167,8 +167,7 @@ fn clips<'a>(watched: &[Watched<'a>], seen: &'a [Seen]) -> Vec<Clip<'a>> {
 
 /// Surfaces of plain skinning \[frame\]\[vertex\].
 pub fn skinned(asset: &Asset, poses: &[Pose]) -> Vec<Vec<DVec3>> {
-    let skeleton = &asset.rig.skeleton;
-    poses.par_iter().map(|p| asset.rig.skinned(&skeleton.world_from_joint(&p.locals))).collect()
+    poses.par_iter().map(|p| asset.rig.in_pose(p)).collect()
 }
 
 fn simulated(tissue: &Tissue, material: &Elasticity, watched: &Watched) -> Result<Vec<Vec<DVec3>>, FitError> {

@@ -1,5 +1,7 @@
 //! JᵀWJ and JᵀWr of a few parameters, dense.
 
+use animimic_math::small_spd::solve_spd_of_any_size;
+
 /// Normal equations.
 #[derive(Clone, Debug)]
 pub(super) struct Normal {
@@ -46,11 +48,16 @@ impl Normal {
         out
     }
 
-    /// (N + damping diag N)⁻¹ g by Cholesky; N has a prior on every diagonal entry, so it is positive definite.
+    /// (N + damping diag N)⁻¹ g; N has a prior on every diagonal entry, so it is positive definite.
     pub fn solve(&self, damping: f64) -> Vec<f64> {
-        let mut m = self.matrix.clone();
-        (0..m.len()).for_each(|i| m[i][i] *= 1.0 + damping);
-        solve(&m, &self.gradient)
+        self.solved(damping, self.gradient.clone())
+    }
+
+    /// (N + damping diag N)⁻¹ b; nothing where N holds what is no number.
+    fn solved(&self, damping: f64, b: Vec<f64>) -> Vec<f64> {
+        let (mut m, n) = (self.matrix.clone(), b.len());
+        (0..n).for_each(|i| m[i][i] *= 1.0 + damping);
+        solve_spd_of_any_size(m, b).unwrap_or_else(|| vec![0.0; n])
     }
 
     /// What the minimum of the model lies below its value here: gᵀN⁻¹g.
@@ -62,27 +69,8 @@ impl Normal {
     pub fn deviations(&self) -> Vec<f64> {
         let n = self.gradient.len();
         let unit = |i: usize| (0..n).map(|j| f64::from(u8::from(i == j))).collect::<Vec<_>>();
-        (0..n).map(|i| solve(&self.matrix, &unit(i))[i].max(0.0).sqrt()).collect()
+        (0..n).map(|i| self.solved(0.0, unit(i))[i].max(0.0).sqrt()).collect()
     }
-}
-
-/// Solves a small symmetric positive definite system.
-fn solve(matrix: &[Vec<f64>], rhs: &[f64]) -> Vec<f64> {
-    let n = rhs.len();
-    let (mut l, mut x) = (matrix.to_vec(), rhs.to_vec());
-    for i in 0..n {
-        for j in 0..=i {
-            let sum: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            l[i][j] = if i == j { (l[i][i] - sum).max(f64::MIN_POSITIVE).sqrt() } else { (l[i][j] - sum) / l[j][j] };
-        }
-        let sum: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
-        x[i] = (x[i] - sum) / l[i][i];
-    }
-    for i in (0..n).rev() {
-        let sum: f64 = (i + 1..n).map(|k| l[k][i] * x[k]).sum();
-        x[i] = (x[i] - sum) / l[i][i];
-    }
-    x
 }
 
 #[cfg(test)]

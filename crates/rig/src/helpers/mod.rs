@@ -129,7 +129,7 @@ pub fn surface<'a>(rig: &Rig, clip: &'a Refined) -> Cow<'a, Trajectory> {
     if let Some(trajectory) = &clip.trajectory {
         return Cow::Borrowed(trajectory);
     }
-    let posed = |p: &Pose| rig.skinned(&rig.skeleton.world_from_joint(&p.locals));
+    let posed = |p: &Pose| rig.in_pose(p);
     let frames = clip.motion.poses.par_iter().map(posed).collect();
     Cow::Owned(Trajectory { fps: clip.motion.fps, frames })
 }

@@ -3,7 +3,7 @@
 use super::{any, opened, pictures, saved};
 use crate::error::{Result, VideoError};
 use crate::pixels::open_image;
-use crate::write::{encode_png, write_whole};
+use crate::write::{encode_samples, write_whole};
 use animimic_scene::io::npz::Values;
 use animimic_scene::{DepthKind, DepthMap};
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ pub fn write_depth(path: &Path, maps: &[DepthMap], kind: DepthKind) -> Result<()
         let sample =
             |&v: &f32| if v.is_finite() && v > 0.0 { (v / largest * 65535.0).round().max(1.0) as u16 } else { 0 };
         let samples: Vec<u8> = map.values.iter().map(sample).flat_map(u16::to_ne_bytes).collect();
-        let png = encode_png(&samples, map.width, map.height, image::ExtendedColorType::L16)?;
+        let png = encode_samples(&samples, map.width, map.height, image::ExtendedColorType::L16)?;
         write_whole(&path.join(format!("{t:05}.png")), &png)?;
     }
     Ok(())
