@@ -211,6 +211,28 @@ fn helper_bones_carry_two_clips_and_a_rigid_part_and_leave_the_given_keys_byte_f
 }
 
 #[test]
+fn joints_that_are_shown_elsewhere_than_bound_have_keys_though_they_stand_still() {
+    for rest_is_posed in [false, true] {
+        let asset = worm(rest_is_posed);
+        let still = Pose { locals: asset.rig.skeleton.rest_locals() };
+        let still = Motion { name: "still".into(), fps: FPS, poses: vec![still; 3] };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("still.glb");
+        std::fs::write(&path, write_clips(&asset, &[still], &ExportOptions::default()).unwrap()).unwrap();
+        let json = document(&path).0;
+        let channels = json["animations"][0]["channels"].as_array().unwrap();
+        let turned = |name: &str| {
+            let node = node_of(&json, name);
+            channels.iter().any(|c| c["target"]["node"] == node && c["target"]["path"] == "rotation")
+        };
+        println!("posed {rest_is_posed}: {} channels", channels.len());
+        // Bones 1 and 2 are turned by half a radian where the rest is a pose; importers with a bind pose would turn them back.
+        assert_eq!([turned("bone1"), turned("bone2")], [rest_is_posed; 2]);
+        assert!(!turned("bone3") && channels.len() <= 2);
+    }
+}
+
+#[test]
 fn clips_that_the_file_has_and_keeps_play_as_before_beside_softened_ones() {
     let still = worm(false);
     let old = Refined { trajectory: None, ..soft(&still, "old", 0.0) };

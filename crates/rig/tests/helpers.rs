@@ -131,7 +131,7 @@ fn shaken(asset: &Asset, clip: &Refined) -> Refined {
         })
         .collect();
     let base = skinned(asset, &motion);
-    let (dt, omega, zeta) = (1.0 / FPS, 2.0 * std::f64::consts::PI * 4.0, 0.15);
+    let (dt, omega, zeta) = (1.0 / FPS, 2.0 * std::f64::consts::PI * 3.0, 0.15);
     let n = base[0].len();
     let (mut x, mut v) = (vec![DVec3::ZERO; n], vec![DVec3::ZERO; n]);
     let mut frames = vec![base[0].clone()];

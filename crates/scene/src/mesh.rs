@@ -17,6 +17,8 @@ pub struct Mesh {
     pub uvs: Vec<DVec2>,
     /// Vertex colours (linear RGB in \[0, 1\]), per vertex; empty if none.
     pub colors: Vec<[f32; 3]>,
+    /// Painted softness (glTF's own attribute `_SOFTNESS`) in \[0, 1\], per vertex; empty if none.
+    pub softness: Vec<f32>,
     /// Vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
     /// The file's primitives: contiguous ranges of `positions` and `triangles`.

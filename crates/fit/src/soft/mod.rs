@@ -31,9 +31,9 @@ pub use motion::{Report, Simulated, Stepping};
 use surface::Skinning;
 use weights::CageWeights;
 
-/// Stiffness of a hold over that of the flesh that it holds, a cell of it: enough to hold it, not so much as to crush it where bones
-/// come near each other.
-const HOLD: f64 = 10.0;
+/// Stiffness of a hold over that of the flesh that it holds, a cell of it: bones are stiff against flesh, also against stiff flesh, and
+/// hold only where it is their own, so that they do not crush it between them.
+const HOLD: f64 = 100.0;
 
 /// How tissue is made of a model.
 #[derive(Clone, Debug)]
@@ -128,7 +128,7 @@ impl<'a> Tissue<'a> {
             .collect();
         let mut skinned: Vec<bool> = driver.iter().map(|d| *d != FREE).collect();
         seams.iter().for_each(|&v| skinned[v as usize] = true);
-        let skinning = Skinning::new(rig, &cage, &weights, &skinned, &holding);
+        let skinning = Skinning::new(asset, &cage, &weights, &skinned, &holding);
         let joint_from_rest = rest_world.iter().map(|g| g.inverse()).collect();
         Ok(Self { asset, cage, scale, weights, holds, seams, driver, body, bones, skinning, carrier, joint_from_rest })
     }

@@ -4,24 +4,30 @@
 //! *skinned cage* ŷ (eyelids, fingers, creases below the size of a cell) the held share h_v. It is 1 in driven parts and at the
 //! roots of loose flesh, where y = ŷ and so x = s, and where a joint is too small for the cage to hold; 0 where tissue is free: there creases and
 //! collapses of skinning are gone. At rest x is the rest surface exactly, since all three agree.
+//!
+//! Where softness p is painted ([`animimic_scene::Mesh::softness`]) the surface goes that share of the way: s_v + p (x_v − s_v) =
+//! Σ_k p b y + (1 − p (1 − h)) s − h Σ_k p b ŷ.
 
 use super::Tissue;
 use super::weights::CageWeights;
-use animimic_scene::Rig;
+use animimic_scene::Asset;
 use animimic_sim::tet::Cage;
 use glam::{DAffine3, DVec3};
 
 /// Fixed coefficients of the surface.
 #[derive(Clone, Debug, Default)]
 pub struct Skinning {
-    /// Cage vertices of each surface vertex, and their barycentric coordinates.
+    /// Cage vertices of each surface vertex, and p b.
     pub corners: Vec<([u32; 4], [f64; 4])>,
     /// h, per surface vertex.
     pub held: Vec<f64>,
+    /// 1 − p (1 − h), per surface vertex.
+    pub skinned: Vec<f64>,
 }
 
 impl Skinning {
-    pub(super) fn new(rig: &Rig, cage: &Cage, weights: &CageWeights, skinned: &[bool], holding: &[bool]) -> Self {
+    pub(super) fn new(asset: &Asset, cage: &Cage, weights: &CageWeights, skinned: &[bool], holding: &[bool]) -> Self {
+        let rig = &asset.rig;
         let tets = cage.embedding.tet.iter().map(|&t| cage.mesh.tets[t as usize]);
         let corners: Vec<([u32; 4], [f64; 4])> = tets.zip(cage.embedding.barycentric.iter().copied()).collect();
         let of = |v: usize| {
@@ -37,8 +43,11 @@ impl Skinning {
                 .sum();
             smooth(driven.max(detail))
         };
-        let held = (0..corners.len()).map(of).collect();
-        Self { corners, held }
+        let held: Vec<f64> = (0..corners.len()).map(of).collect();
+        let painted = |v: usize| asset.mesh.softness.get(v).map_or(1.0, |p| f64::from(*p));
+        let skinned = held.iter().enumerate().map(|(v, h)| 1.0 - painted(v) * (1.0 - h)).collect();
+        let corners = corners.into_iter().enumerate().map(|(v, (tet, b))| (tet, b.map(|b| painted(v) * b))).collect();
+        Self { corners, held, skinned }
     }
 }
 
@@ -62,14 +71,15 @@ impl Tissue<'_> {
         self.skinning.corners.iter().zip(rest).zip(offset).map(|((c, x), o)| *x + embedded(c) + o).collect()
     }
 
-    /// h_v (s_v − Σ b ŷ), less its value at rest, per surface vertex [model unit]: the part of the surface that does not depend on the simulation.
+    /// What skinning gives a surface vertex, (1 − p (1 − h)) s − h Σ p b ŷ, less its value at rest [model unit]: the part of the surface that
+    /// does not depend on the simulation.
     pub fn held_offset(&self, displacements: &[DAffine3]) -> Vec<DVec3> {
         let moved = self.skinned_cage(displacements);
         let rig = &self.asset.rig;
         let rest = &self.asset.mesh.positions;
         let one = |v: usize| {
-            let h = self.skinning.held[v];
-            if h == 0.0 {
+            let (h, share) = (self.skinning.held[v], self.skinning.skinned[v]);
+            if share == 0.0 {
                 return DVec3::ZERO;
             }
             let skinned: DVec3 = rig.skin.influences[v]
@@ -81,7 +91,7 @@ impl Tissue<'_> {
                 .sum();
             let (tet, b) = &self.skinning.corners[v];
             let cage: DVec3 = tet.iter().zip(b).map(|(&k, b)| moved[k as usize] * *b).sum();
-            h * (skinned - cage)
+            share * skinned - h * cage
         };
         (0..rest.len()).map(one).collect()
     }

@@ -77,6 +77,7 @@ fn points(problem: &Problem, helpers: &[Helper], state: &State, mesh: &Mesh) -> 
             point.influences.clone_from(&near.influences);
             point.stored = if near.vertex == v { near.stored } else { problem.rebound(helpers, &point) };
         }
+        point.emphasis = state.nearest(problem, v).map(|near| near.emphasis.clone()).unwrap_or_default();
         for _ in 0..LAST_ROUNDS {
             if !weights::improve(problem, &mut point, helpers) {
                 break;

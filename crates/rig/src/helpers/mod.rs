@@ -34,6 +34,8 @@ const SAMPLE: usize = 2000;
 /// Rounds of transforms and weights after helpers were added, and at the end.
 const ROUNDS: usize = 4;
 const LAST_ROUNDS: usize = 16;
+/// Rounds in which the farthest points count for more, where the goal is missed with as many helpers as may be.
+const EMPHASIS_ROUNDS: usize = 40;
 /// Numbers of helpers that are tried, up to the most allowed.
 const LADDER: [usize; 9] = [1, 2, 4, 6, 8, 12, 16, 24, 32];
 /// Helpers that no vertex chose are sought anew elsewhere, so many times once there are as many as may be.
@@ -163,7 +165,25 @@ fn grow(problem: &Problem, most: usize, goal: f64) -> (Vec<Helper>, State) {
         weights::solve(problem, &mut state, &helpers);
         transforms::solve(problem, &state, &mut helpers);
     }
+    if state.error(problem, &helpers).p99 > MARGIN * goal {
+        return emphasise(problem, helpers, state, goal);
+    }
     (helpers, state)
+}
+
+/// Serves the farthest points better at the cost of the others, for as long as the 99th percentile falls.
+fn emphasise(problem: &Problem, mut helpers: Vec<Helper>, mut state: State, goal: f64) -> (Vec<Helper>, State) {
+    let mut best = (state.error(problem, &helpers).p99, helpers.clone(), state.clone());
+    for _ in 0..EMPHASIS_ROUNDS {
+        state.points.par_iter_mut().for_each(|p| p.emphasise(problem, &helpers, MARGIN * goal));
+        weights::solve(problem, &mut state, &helpers);
+        transforms::solve(problem, &state, &mut helpers);
+        let p99 = state.error(problem, &helpers).p99;
+        if p99 < best.0 {
+            best = (p99, helpers.clone(), state.clone());
+        }
+    }
+    (best.1, best.2)
 }
 
 pub(crate) fn check(rig: &Rig, mesh: &Mesh, clip: &Refined) -> Result<(), HelperError> {

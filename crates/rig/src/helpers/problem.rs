@@ -68,9 +68,28 @@ pub struct Point {
     pub stored: DVec3,
     /// Present influences.
     pub influences: Vec<Influence>,
+    /// What each frame counts beside ω_f \[frame\]; 1 where empty.
+    pub emphasis: Vec<f64>,
+}
+
+impl Point {
+    /// ω_f of this point.
+    pub fn count(&self, problem: &Problem, frame: usize) -> f64 {
+        problem.counts[frame] * self.emphasis.get(frame).unwrap_or(&1.0)
+    }
+
+    /// Counts frames in which the point is more than about `goal` [model unit] off for more, as in iteratively reweighted least squares
+    /// for the fourth power (Lawson 1961); half of the way in logarithms, so that it settles.
+    pub fn emphasise(&mut self, problem: &Problem, helpers: &[Helper], goal: f64) {
+        let wanted = |f: usize| 1.0 + problem.missing(helpers, self, f).length_squared() / (goal * goal);
+        let wanted: Vec<f64> = (0..problem.targets.len()).map(wanted).collect();
+        self.emphasis.resize(wanted.len(), 1.0);
+        self.emphasis.iter_mut().zip(wanted).for_each(|(e, w)| *e = (*e * w).sqrt());
+    }
 }
 
 /// Vertices under work.
+#[derive(Clone)]
 pub struct State {
     /// The vertices.
     pub points: Vec<Point>,
@@ -148,7 +167,7 @@ impl<'a> Problem<'a> {
     pub fn point(&self, vertex: usize) -> Point {
         let influences = self.base[vertex].clone();
         let group = self.spaces.group_of[influences[0].slot as usize];
-        Point { vertex, group, stored: self.stored[vertex], influences }
+        Point { vertex, group, stored: self.stored[vertex], influences, emphasis: Vec::new() }
     }
 
     /// At most `most` of the active vertices, evenly through the file.
@@ -214,7 +233,8 @@ impl<'a> Problem<'a> {
 
     /// Σ_f ω_f ‖missing‖² of a point.
     pub fn cost(&self, helpers: &[Helper], point: &Point) -> f64 {
-        (0..self.targets.len()).map(|f| self.counts[f] * self.missing(helpers, point, f).length_squared()).sum()
+        let one = |f: usize| point.count(self, f) * self.missing(helpers, point, f).length_squared();
+        (0..self.targets.len()).map(one).sum()
     }
 }
 

@@ -30,13 +30,13 @@ struct Sums {
 }
 
 impl Sums {
-    /// A point at x with weight w whose share of the target is q: ‖q − w D x‖².
-    fn add(&mut self, w: f64, x: DVec3, q: DVec3) {
-        self.weight += w * w;
-        self.reach += w;
-        self.x += x * (w * w);
-        self.q += q * w;
-        self.outer += outer(q * w, x);
+    /// A point at x with weight w whose share of the target is q, counted c times: c ‖q − w D x‖².
+    fn add(&mut self, c: f64, w: f64, x: DVec3, q: DVec3) {
+        self.weight += c * w * w;
+        self.reach += c * w;
+        self.x += x * (c * w * w);
+        self.q += q * (c * w);
+        self.outer += outer(q * (c * w), x);
     }
 
     fn rigid(&self) -> DAffine3 {
@@ -125,7 +125,8 @@ fn frame(
         }
         let mut sums = Sums::default();
         for m in list {
-            sums.add(m.weight, m.x, missing[m.point] + before.transform_point3(m.x) * m.weight);
+            let count = points[m.point].emphasis.get(frame).copied().unwrap_or(1.0);
+            sums.add(count, m.weight, m.x, missing[m.point] + before.transform_point3(m.x) * m.weight);
         }
         hold(helper, &neighbours(problem, helper, frame), &mut sums);
         let after = sums.rigid();
@@ -145,7 +146,7 @@ fn hold(helper: &Helper, near: &[DAffine3], sums: &mut Sums) {
         let mut z = helper.centre;
         z[k % 3] += if k < 3 { helper.spread } else { -helper.spread };
         let target: DVec3 = near.iter().map(|n| n.transform_point3(z)).sum::<DVec3>() / near.len() as f64;
-        sums.add(w, z, target * w);
+        sums.add(1.0, w, z, target * w);
     }
 }
 
@@ -175,7 +176,7 @@ pub fn of_points(problem: &Problem, points: &[(f64, &Point)], helper: &mut Helpe
             }
             let follow = problem.world[f][helper_now.joint] * start;
             let mut sums = Sums::default();
-            rest.iter().for_each(|(w, v, x)| sums.add(*w, *x, problem.targets[f][*v] * *w));
+            rest.iter().for_each(|(w, v, x)| sums.add(1.0, *w, *x, problem.targets[f][*v] * *w));
             hold(helper_now, &[follow], &mut sums);
             sums.rigid()
         })

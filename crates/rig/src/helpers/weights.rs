@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 /// Base slots and helpers among which a vertex chooses.
 const BASE_CANDIDATES: usize = 8;
-const HELPER_CANDIDATES: usize = 7;
+const HELPER_CANDIDATES: usize = 10;
 const CANDIDATES: usize = BASE_CANDIDATES + HELPER_CANDIDATES + INFLUENCES;
 /// A helper may move vertices within so many of its spreads, and at least within a share of the diagonal: what is farther only looks alike.
 const REACH_SPREADS: f64 = 4.0;
@@ -82,14 +82,17 @@ fn offsets(problem: &Problem, helpers: &[Helper], slot: u32, point: &Point, turn
             if let Some(turn) = turns.get(f) {
                 d -= *turn * rest;
             }
-            d * problem.counts[f].sqrt()
+            d * point.count(problem, f).sqrt()
         })
         .collect()
 }
 
-/// The point's present and base slots and the helpers in reach that come nearest by themselves.
+/// The point's present and base slots, and the helpers in reach that come nearest, alone or together with one base slot.
 fn candidates(problem: &Problem, point: &Point, helpers: &[Helper]) -> Vec<u32> {
     let mut out: Vec<u32> = problem.base[point.vertex].iter().take(BASE_CANDIDATES).map(|i| i.slot).collect();
+    let offsets = |slot: u32| offsets(problem, helpers, slot, point, &[]);
+    let dot = |a: &[DVec3], b: &[DVec3]| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
+    let base: Vec<(f64, Vec<DVec3>)> = out.iter().map(|&s| offsets(s)).map(|d| (dot(&d, &d), d)).collect();
     let mut scored: Vec<(f64, u32)> = Vec::new();
     for (h, helper) in helpers.iter().enumerate() {
         let reach = (REACH_SPREADS * helper.spread).max(REACH * problem.diagonal);
@@ -97,13 +100,10 @@ fn candidates(problem: &Problem, point: &Point, helpers: &[Helper]) -> Vec<u32> 
             continue;
         }
         let slot = (problem.slots() + h) as u32;
-        let score = (0..problem.targets.len())
-            .map(|f| {
-                let d = problem.carried(helpers, slot, point, f) - problem.targets[f][point.vertex];
-                problem.counts[f] * d.length_squared()
-            })
-            .sum();
-        scored.push((score, slot));
+        let own = offsets(slot);
+        let alone = dot(&own, &own);
+        let together = base.iter().map(|(c, d)| pair(alone, dot(&own, d), *c).0);
+        scored.push((together.fold(alone, f64::min), slot));
     }
     scored.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     out.extend(scored.iter().take(HELPER_CANDIDATES).map(|s| s.1));
@@ -113,6 +113,13 @@ fn candidates(problem: &Problem, point: &Point, helpers: &[Helper]) -> Vec<u32> 
         }
     }
     out
+}
+
+/// The least ‖u a + (1 − u) c‖² for u in [0, 1], from a·a, a·c and c·c; and that u.
+fn pair(aa: f64, ac: f64, cc: f64) -> (f64, f64) {
+    let curvature = aa - 2.0 * ac + cc;
+    let u = if curvature > 0.0 { ((cc - ac) / curvature).clamp(0.0, 1.0) } else { 1.0 };
+    (u * u * aa + 2.0 * u * (1.0 - u) * ac + (1.0 - u) * (1.0 - u) * cc, u)
 }
 
 fn cost(gram: &Gram, w: &[(usize, f64)]) -> f64 {
@@ -133,10 +140,7 @@ fn best_pair(gram: &Gram, n: usize) -> Vec<(usize, f64)> {
     let mut best = (f64::MAX, (0, 0, 1.0));
     for i in 0..n {
         for j in 0..=i {
-            let (a, b, c) = (gram[i][i], gram[i][j], gram[j][j]);
-            let curvature = a - 2.0 * b + c;
-            let u = if curvature > 0.0 { ((c - b) / curvature).clamp(0.0, 1.0) } else { 1.0 };
-            let cost = u * u * a + 2.0 * u * (1.0 - u) * b + (1.0 - u) * (1.0 - u) * c;
+            let (cost, u) = pair(gram[i][i], gram[i][j], gram[j][j]);
             if cost < best.0 {
                 best = (cost, (i, j, u));
             }

@@ -1,10 +1,11 @@
 //! Motions → glTF animations: one shared input per clip, only channels that move, continuous unit quaternions.
 //!
 //! What moves in one of several clips has a channel in all of them: where a player goes from clip to clip, nothing stays as the
-//! clip before left it (Blender's actions, Unity's and Unreal's layers).
+//! clip before left it (Blender's actions, Unity's and Unreal's layers). So has what is shown elsewhere than where it is bound.
 
 use super::ExportOptions;
 use super::bin::{Output, Use, array, push};
+use super::bound::away_from_bind;
 use crate::rig::Transform;
 use crate::{Asset, Motion};
 use glam::{DQuat, DVec3};
@@ -24,14 +25,19 @@ pub(super) fn add(
     let mut old = if options.keep_clips { array(&mut out.json, "animations").clone() } else { Vec::new() };
     let mut names: Vec<String> = old.iter().filter_map(|a| a["name"].as_str().map(String::from)).collect();
     let mut animations = Vec::new();
-    let moved: Vec<Moves> = (0..node_of_joint.len()).map(|j| moves_in_any(asset, j, motions)).collect();
+    let away = away_from_bind(out, asset, node_of_joint);
+    let keyed = |(j, [a, b, c]): (usize, &Moves)| {
+        let [t, r, s] = moves_in_any(asset, j, motions);
+        [t || *a, r || *b, s || *c]
+    };
+    let moved: Vec<Moves> = away.iter().enumerate().map(keyed).collect();
     for motion in motions {
         let name = unique(&motion.name, &mut names);
         animations.extend(animation(out, asset, node_of_joint, motion, &moved, &name));
     }
     let added: Vec<usize> = (0..node_of_joint.len()).filter(|&j| asset.rig.skeleton.joints[j].node.is_none()).collect();
     for (clip, motion) in old.iter_mut().zip(&options.kept) {
-        channels(out, asset, node_of_joint, motion, &added, &[], clip);
+        channels(out, asset, node_of_joint, motion, &added, &away, clip);
     }
     animations.extend(old);
     out.json["animations"] = Value::Array(animations);
@@ -52,7 +58,7 @@ pub(super) fn times(motion: &Motion) -> Vec<[f32; 1]> {
 }
 
 /// Whether translation, rotation and scale of a joint move.
-type Moves = [bool; 3];
+pub(super) type Moves = [bool; 3];
 
 fn moves_in_any(asset: &Asset, j: usize, motions: &[Motion]) -> Moves {
     let rest = asset.rig.skeleton.joints[j].rest;

@@ -6,6 +6,7 @@
 
 mod animation;
 mod bin;
+mod bound;
 mod helpers;
 mod morph;
 mod place;
