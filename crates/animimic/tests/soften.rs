@@ -27,14 +27,14 @@ fn a_clip_gains_soft_tissue_and_stays_in_the_rig() {
     job.softness = vec!["jelly".parse().unwrap()];
     job.clip = Some("2_move".into());
     let report = soften(&job, &mut |_| ControlFlow::Continue(())).unwrap();
+    let rms = |key: &str| report["export"][key]["rms"].as_f64().unwrap();
+    assert!(rms("residual_percent") < 0.25 * rms("skinned_percent"), "helper bones carry most of it");
+    assert!(report["from_skinning_rms_percent"].as_f64().unwrap() > 0.1, "jelly sways");
     println!("{report:#}");
     let number = |key: &str| report[key].as_f64().unwrap();
     assert_eq!(number("inverted_tets"), 0.0);
     assert!(number("volume_change") < 0.05);
     assert!(number("self_intersections") <= number("self_intersections_skinned"));
-    assert!(number("from_skinning_rms_percent") > 0.1, "jelly sways");
-    let p99 = |key: &str| report["export"][key]["p99"].as_f64().unwrap();
-    assert!(p99("residual_percent") <= 0.5 && p99("skinned_percent") > 1.0, "helper bones carry it");
     let (before, after) = (io::read(&job.model).unwrap(), io::read(job.out.join("softened.glb")).unwrap());
     assert!(gltf::clips(&after).unwrap().iter().any(|c| c.name == "2_move"), "the clip keeps its name");
     assert_eq!(before.mesh.positions.len(), after.mesh.positions.len());
@@ -83,7 +83,8 @@ fn painted(model: &Path, name: &str, softness: f32) -> PathBuf {
 
 #[test]
 fn painted_softness_says_how_far_flesh_leaves_the_skin() {
-    let Some(job) = job("painted") else { return };
+    let Some(mut job) = job("painted") else { return };
+    job.clip = Some("2_move".into());
     let swayed = |paint: Option<f32>| {
         let model = paint.map_or(job.model.clone(), |s| painted(&job.model, &s.to_string(), s));
         let job = Soften { model, softness: vec!["jelly".parse().unwrap()], physics: Physics::NONE, ..job.clone() };
@@ -95,7 +96,7 @@ fn painted_softness_says_how_far_flesh_leaves_the_skin() {
     };
     let (bare, none, half, all) = (swayed(None), swayed(Some(0.0)), swayed(Some(0.5)), swayed(Some(1.0)));
     println!("unpainted {bare:.4} %, painted 0: {none:.1e} %, 0.5: {half:.4} %, 1: {all:.4} %");
-    assert!(bare > 0.1 && none < 1e-9 && (half / bare - 0.5).abs() < 0.05 && (all / bare - 1.0).abs() < 1e-9);
+    assert!(bare > 0.1 && none < 1e-5 && (half / bare - 0.5).abs() < 0.05 && (all / bare - 1.0).abs() < 1e-9);
     std::fs::remove_dir_all(&job.out).unwrap();
 }
 

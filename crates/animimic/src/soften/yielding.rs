@@ -22,7 +22,7 @@ const SHRINK: [f64; 3] = [0.5, 0.7, 0.85];
 /// Side of a region [rest diagonal].
 const REGION: f64 = 0.05;
 /// Vertices this many radii from a crossing yield nothing.
-const REACH: f64 = 2.0;
+const REACH: f64 = 3.0;
 
 /// What was given up.
 #[derive(Clone, Debug, PartialEq)]

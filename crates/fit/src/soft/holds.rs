@@ -19,10 +19,8 @@ const STEP: f64 = 0.5;
 const FREE_ENDS: [f64; 2] = [0.75, 0.35];
 /// A wider core than this has a second ring half way in [cells].
 const WIDE: f64 = 1.0;
-/// Least weight of the joint where it holds: nearer to its neighbours, flesh goes between them as skinning blends it.
-const OWN: f64 = 0.75;
-/// The same for a joint that would hold nothing else.
-const MAIN: f64 = 0.5;
+/// Least weight of the joint where it holds.
+const OWN: f64 = 0.5;
 /// Least share of loose joints in what counts as the root of loose flesh.
 const SEAM: f64 = 0.05;
 /// Components with less than this share of the body's volume, all of them one joint's, are hard: eyes, buttons, teeth.
@@ -116,7 +114,7 @@ fn at_least_one_each(choice: &Choice, holds: &mut Vec<Hold>) {
             choice.weights.rows[v][joint] - 0.25 * near.fold(f64::INFINITY, f64::min) / choice.spacing
         };
         let own = (0..choice.mesh.positions.len())
-            .filter(|&v| choice.weights.main(v).0 == joint && choice.weights.rows[v][joint] >= MAIN);
+            .filter(|&v| choice.weights.main(v).0 == joint && choice.weights.rows[v][joint] >= OWN);
         let best = own.max_by(|&a, &b| score(a).total_cmp(&score(b)).then(b.cmp(&a)));
         holds.extend(best.and_then(|v| at_vertex(choice.mesh, joint, v as u32)));
     }
@@ -136,7 +134,7 @@ pub fn seams(choice: &Choice, driver: &[u32]) -> Vec<u32> {
         let row = choice.weights.rows[v].iter().zip(choice.loose);
         row.filter(|(_, loose)| **loose).map(|(w, _)| w).sum()
     };
-    let root = |v: &u32| driver[*v as usize] == FREE && (SEAM..MAIN).contains(&share(*v as usize));
+    let root = |v: &u32| driver[*v as usize] == FREE && (SEAM..OWN).contains(&share(*v as usize));
     (0..choice.mesh.positions.len() as u32).filter(root).collect()
 }
 

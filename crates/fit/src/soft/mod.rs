@@ -31,9 +31,9 @@ pub use motion::{Report, Simulated, Stepping};
 use surface::Skinning;
 use weights::CageWeights;
 
-/// Stiffness of a hold over that of the flesh that it holds, a cell of it: bones are stiff against flesh, also against stiff flesh, and
-/// hold only where it is their own, so that they do not crush it between them.
-const HOLD: f64 = 100.0;
+/// Stiffness of a hold over that of the flesh that it holds, a cell of it: enough to hold it, not so much as to crush it where bones
+/// come near each other.
+const HOLD: f64 = 10.0;
 
 /// How tissue is made of a model.
 #[derive(Clone, Debug)]

@@ -293,12 +293,13 @@ fn colors_have_the_right_gradient_to_ln_e_through_renderer_embedding_and_simulat
     assert!(error < 1e-3 && coverage == 1.0);
 }
 
-/// The end of the first arm in front of nothing: only its outline counts.
+/// One edge of the first arm in front of nothing, from so near that a pixel is a thousandth of the arm: the gradient takes an edge to move as the
+/// centre of the pixel beside it.
 #[test]
 fn outlines_have_the_right_gradient_to_ln_e_through_renderer_embedding_and_simulation() {
     let loss = MaskLoss(Levels { count: 3, softness: 0.3 });
-    let zoom = Zoom { px: 96, field_of_view: 0.15, place: DVec3::new(0.1, 0.65, 0.2), shots: 128, step: 0.1 };
+    let zoom = Zoom { px: 96, field_of_view: 0.005, place: DVec3::new(0.15, 0.5, 0.2), shots: 128, step: 0.01 };
     let (error, coverage) = picture_gradient_error(&loss, &zoom);
     println!("the arm covers {:.0} % of the picture", 100.0 * coverage);
-    assert!(error < 1e-3 && (0.1..0.6).contains(&coverage));
+    assert!(error < 1e-3 && (0.2..0.8).contains(&coverage));
 }
