@@ -18,6 +18,7 @@ pub mod balls;
 pub mod certainty;
 pub mod contour;
 pub mod correspond;
+pub mod flesh;
 pub mod flips;
 pub mod given;
 pub mod liveliness;
@@ -286,5 +287,16 @@ pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, 
     let usual_mismatch = mismatch(&first, frames[0].image, frames[0].mask);
     let given = Given::new(input.tracks, input.depth, input.depth_kind, subject, input.camera, &first);
     let not_finite = AtomicUsize::new(0);
-    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px, usual_mismatch, not_finite }
+    Stage {
+        subject,
+        studio,
+        frames,
+        flow: input.flow,
+        given,
+        settings,
+        contour_bias_px,
+        usual_mismatch,
+        not_finite,
+        flesh: None,
+    }
 }
