@@ -71,7 +71,7 @@ mod tests {
         let skinned: Vec<f64> = (0..40).map(|t| 10.0 + f64::from(t % 7)).collect();
         let plus =
             |f: &dyn Fn(usize) -> f64| -> Vec<f64> { skinned.iter().enumerate().map(|(t, e)| e + f(t)).collect() };
-        let noise = |t: usize| if t % 2 == 0 { 1.0 } else { -1.0 };
+        let noise = |t: usize| if t.is_multiple_of(2) { 1.0 } else { -1.0 };
         assert!(no_worse(&skinned, &skinned));
         assert!(no_worse(&skinned, &plus(&|t| noise(t) + 0.1)), "within the noise");
         assert!(!no_worse(&skinned, &plus(&|t| noise(t) + 0.3)), "beyond it");
