@@ -12,6 +12,8 @@ use std::ffi::OsString;
 use std::path::Path;
 use toml::{Table, Value};
 
+/// What stands before the path of a network.
+const NETWORK: &str = "onnx:";
 /// Largest file that is read [bytes].
 const MAX_BYTES: u64 = 16 << 20;
 
@@ -92,7 +94,7 @@ fn name(option: &Arg) -> &str {
 fn texts(option: &Arg, value: &Value, folder: &Path) -> anyhow::Result<Vec<OsString>> {
     let key = name(option);
     Ok(match value {
-        Value::String(text) if is_path(option, text) => vec![folder.join(text).into_os_string()],
+        Value::String(text) if is_path(option, text) => vec![in_folder(folder, text)],
         Value::String(text) => vec![text.into()],
         Value::Integer(number) => vec![number.to_string().into()],
         Value::Float(number) => vec![number.to_string().into()],
@@ -107,13 +109,21 @@ fn texts(option: &Arg, value: &Value, folder: &Path) -> anyhow::Result<Vec<OsStr
     })
 }
 
+/// A path from the folder of the file that names it; `onnx:` before a path stays before it.
+fn in_folder(folder: &Path, text: &str) -> OsString {
+    let (kind, path) = text.split_at(text.strip_prefix(NETWORK).map_or(0, |_| NETWORK.len()));
+    let mut out = OsString::from(kind);
+    out.push(folder.join(path));
+    out
+}
+
 /// Whether a value is a path: the option takes paths and the text is none of the words that its help names beside them
 /// (`auto|keep|FILE`, `preset:NAME`).
 fn is_path(option: &Arg, text: &str) -> bool {
     let takes_paths = !matches!(option.get_value_hint(), ValueHint::Unknown | ValueHint::Other);
     let help = option.get_value_names().into_iter().flatten().map(|n| n.as_str());
     let word = |w: &str| match w.split_once(':') {
-        Some((kind, _)) => text.split_once(':').is_some_and(|t| t.0 == kind),
+        Some((kind, _)) => !w.starts_with(NETWORK) && text.split_once(':').is_some_and(|t| t.0 == kind),
         None => w == text,
     };
     takes_paths && !help.flat_map(|n| n.split('|')).any(word)
@@ -142,6 +152,7 @@ mod tests {
             videos = ["walk.mp4", "/films/run.mp4"]
             out = "results"
             camera = "fox.json"
+            mask = ["masks", "onnx:nets/u2net.onnx:u2net"]
             rig = "auto"
             clip = ["walk", "-run-"]
             height = 256
@@ -151,6 +162,8 @@ mod tests {
         let words = words.expect("options");
         for word in [
             "--camera=/jobs/fox.json",
+            "--mask=/jobs/masks",
+            "--mask=onnx:/jobs/nets/u2net.onnx:u2net",
             "--rig=auto",
             "--clip=walk",
             "--clip=-run-",

@@ -3,6 +3,9 @@
 mod bar;
 mod commands;
 mod config;
+#[cfg(test)]
+#[path = "../../../crates/scene/tests/common/mutate.rs"]
+mod mutate;
 mod out;
 
 use anyhow::Context;

@@ -15,6 +15,24 @@ fn cues(arguments: &[&str]) -> Value {
     serde_json::from_slice(&out.stdout).unwrap()
 }
 
+#[cfg(not(feature = "neural"))]
+#[test]
+fn a_build_without_networks_says_how_to_get_one_with_them() {
+    let bench = Bench::new();
+    let (video, net) = (example("creature.mp4"), bench.put("u2netp.onnx", b"any"));
+    let run = |arguments: &[&str]| {
+        let out = limited(&[&["cues", &video, "-o", &bench.out("x"), "-q"], arguments].concat(), None);
+        (out.status.code(), text(&out.stderr))
+    };
+    let (code, said) = run(&["--mask", &format!("onnx:{net}")]);
+    println!("{said}");
+    assert!(code == Some(1) && said.contains("u2netp.onnx") && said.contains("--features neural"));
+    let (code, said) = run(&["--depth", &format!("onnx:{net}:u2net")]);
+    println!("{said}");
+    assert!(code == Some(2) && said.contains("there are midas, depth-anything"));
+    assert!(bench.results().is_empty());
+}
+
 #[test]
 fn cues_go_from_form_to_form_and_come_back_the_same() {
     let bench = Bench::new();

@@ -108,6 +108,38 @@ fn overlays_show_bones_weights_and_where_the_video_disagrees() {
 }
 
 #[test]
+fn stiffness_is_drawn_as_soften_wrote_it_with_its_scale() {
+    let bench = Bench::new();
+    let (model, soft) = (bench.put("waving.glb", &common::creature().glb()), bench.out("soft"));
+    let looks = animimic::scene::io::read(&model).unwrap().looks;
+    assert!(looks.len() > 1 && looks[0].name == "skin", "flesh and a prop");
+    let arguments =
+        ["soften", &model, "-o", &soft, "--young", "1e6", "--young", "skin=2e3", "--tets", "200", "--height", "64"];
+    let out = limited(&[&arguments[..], &["-q"]].concat(), None);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let made = format!("{soft}/softened.glb");
+    let mesh = animimic::scene::io::read(&made).unwrap().mesh;
+    let of = |part: &str| {
+        let part = mesh.parts.iter().find(|p| p.name == part).unwrap();
+        mesh.youngs[part.vertices.clone()].to_vec()
+    };
+    println!("body {:?}, prop {:?}", of("body"), of("prop"));
+    assert!(mesh.youngs.len() == mesh.positions.len());
+    assert!(of("body").contains(&2e3) && of("prop").contains(&1e6));
+    let picture = bench.out("look.png");
+    drawn(&[&made, "-o", &picture, "--height", "400", "--views", "input", "--overlay", "stiffness"]);
+    let (size, all) = pixels(&picture);
+    // The scale from 1e3 to 1e6 Pa starts violet at the lower left and ends yellow.
+    let bar = |x: usize| (0..size.1).map(|y| all[y * size.0 + x]).collect::<Vec<_>>();
+    let (low, high) = (bar(10), bar(8 + size.0 / 3 - 3));
+    assert!(low.iter().any(|p| p[0].abs_diff(68) < 9 && p[1] < 10 && p[2].abs_diff(84) < 9), "{low:?}");
+    assert!(high.iter().any(|p| p[0] > 230 && p[1] > 220 && p[2] < 60), "{high:?}");
+    let violet = all.iter().filter(|p| p[2] > p[1] && p[2] > p[0] && p[2].abs_diff(p[1]) > 20).count();
+    println!("{violet} violet pixels");
+    assert!(violet > 500);
+}
+
+#[test]
 fn what_cannot_be_drawn_is_told_and_an_older_file_stays() {
     let bench = Bench::new();
     let (model, out) = (example("creature.glb"), bench.out("x.png"));
@@ -115,8 +147,9 @@ fn what_cannot_be_drawn_is_told_and_an_older_file_stays() {
         bench.refuses(&[&["render", &model, "-q"], arguments].concat(), &[words]);
     };
     told(&["-o", &bench.out("x.bmp")], ".mp4, .gif or .png");
-    told(&["-o", &out, "--overlay", "clouds"], "weights, residuals, skeleton");
+    told(&["-o", &out, "--overlay", "clouds"], "weights, stiffness, residuals, skeleton");
     told(&["-o", &out, "--overlay", "residuals"], "--video FILE");
+    told(&["-o", &out, "--overlay", "stiffness"], "draw the soft.glb of animate");
     told(
         &["-o", &out, "--overlay", "residuals", "--video", &example("creature.mp4"), "--views", "+45"],
         "the view input",

@@ -4,9 +4,10 @@ use crate::Error;
 use crate::event::{Event, Progress, tell};
 use animimic_scene::{DepthKind, Image, Mask, Video};
 use animimic_video::cues;
+pub use animimic_video::cues::network::{CueSource, Gives};
 use animimic_video::cues::providers::{
-    DepthFiles, FlowTracks, Found, MaskFiles, PlainMasks, Provider, SilhouetteMasks, Sources, TrackFiles,
-    resized_tracks,
+    DepthFiles, FlowTracks, Found, MaskFiles, NetworkDepth, NetworkMasks, PlainMasks, Provider, SilhouetteMasks,
+    Sources, TrackFiles, resized_tracks,
 };
 use animimic_video::flow::{FlowOptions, Gray, dis};
 use std::path::Path;
@@ -73,35 +74,41 @@ pub fn dense_flow(from: &Image, to: &Image) -> Vec<[f32; 2]> {
     dis(&Gray::from_image(from), &Gray::from_image(to), &FlowOptions::default()).vectors
 }
 
-/// Which ways the cues of one video are found: masks in any case, tracks and depth where files are given.
+/// Which ways the cues of one video are found: masks in any case, tracks and depth where they are given.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Given<'a> {
-    /// Masks made elsewhere.
-    pub masks: Option<&'a Path>,
+    /// Masks made elsewhere, or by a network.
+    pub masks: Option<&'a CueSource>,
     /// Point tracks made elsewhere.
     pub tracks: Option<&'a Path>,
-    /// Depth made elsewhere.
-    pub depth: Option<&'a Path>,
+    /// Depth made elsewhere, or by a network.
+    pub depth: Option<&'a CueSource>,
     /// What that depth means, where its file does not say so or is wrong.
     pub depth_kind: Option<DepthKind>,
 }
 
-/// Cues of a video for the main job: files where given, else masks on a plain background.
+/// Cues of a video for the main job: files and networks where given, else masks on a plain background.
 ///
 /// # Errors
-/// Unreadable files, or files for another number of frames than the video has.
+/// Unreadable files, files for another number of frames than the video has, or networks that cannot be run.
 pub fn find(video: &Video, given: &Given) -> Result<Found, Error> {
     let mut found = Found::default();
     let sources = |file| Sources { file, ..Sources::new(video) };
+    let run = |network| Sources { network: Some(network), ..Sources::new(video) };
     PlainMasks.provide(&sources(None), &mut found)?;
-    if given.masks.is_some() {
-        MaskFiles.provide(&sources(given.masks), &mut found)?;
+    match given.masks {
+        Some(CueSource::File(path)) => MaskFiles.provide(&sources(Some(path.as_path())), &mut found)?,
+        Some(CueSource::Network(network)) => NetworkMasks.provide(&run(network), &mut found)?,
+        None => {}
     }
     if given.tracks.is_some() {
         TrackFiles.provide(&sources(given.tracks), &mut found)?;
     }
-    if given.depth.is_some() {
-        DepthFiles.provide(&Sources { depth_kind: given.depth_kind, ..sources(given.depth) }, &mut found)?;
+    let meant = |sources| Sources { depth_kind: given.depth_kind, ..sources };
+    match given.depth {
+        Some(CueSource::File(path)) => DepthFiles.provide(&meant(sources(Some(path))), &mut found)?,
+        Some(CueSource::Network(network)) => NetworkDepth.provide(&meant(run(network)), &mut found)?,
+        None => {}
     }
     Ok(found)
 }

@@ -350,6 +350,7 @@ impl<'a> Collapse<'a> {
             normals: pick(&m.normals),
             uvs: kept.iter().filter_map(|&v| m.uvs.get(v).copied()).collect(),
             colors: kept.iter().filter_map(|&v| m.colors.get(v).copied()).collect(),
+            youngs: kept.iter().filter_map(|&v| m.youngs.get(v).copied()).collect(),
             triangles: (0..self.triangles.len())
                 .filter(live)
                 .map(|i| self.triangles[i].map(|v| vertex[v as usize] as u32))

@@ -17,6 +17,8 @@ pub struct Mesh {
     pub uvs: Vec<DVec2>,
     /// Vertex colours (linear RGB in \[0, 1\]), per vertex; empty if none.
     pub colors: Vec<[f32; 3]>,
+    /// Young's modulus of the flesh at the surface [Pa] (glTF's own attribute `_YOUNG`), per vertex; 0 where unknown, empty if none.
+    pub youngs: Vec<f32>,
     /// Vertex indices per triangle.
     pub triangles: Vec<[u32; 3]>,
     /// The file's primitives: contiguous ranges of `positions` and `triangles`.

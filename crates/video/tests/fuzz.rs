@@ -107,4 +107,12 @@ fn mutated_cues_and_frames_never_panic_or_hang() {
         told(read(&frames, &ReadOptions::default()));
         told(read_masks(&frames)) && told(read_depth(&frames, Some(DepthKind::Inverse)))
     });
+    let floats = folder.path().join("floats");
+    std::fs::create_dir(&floats).expect("made");
+    let data = |name: &str| std::fs::read(format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"))).expect("there");
+    let exr = ["openexr_half_zip.exr", "openexr_float_rle.exr", "openexr_parts.exr"].map(data);
+    hammer("depth as EXR", &exr, 3000, |b| {
+        std::fs::write(floats.join("0.exr"), b).expect("written");
+        told(read_depth(&floats, None))
+    });
 }

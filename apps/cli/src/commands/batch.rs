@@ -148,3 +148,40 @@ fn shown(news: &News, over: usize, of: usize) -> Event {
 fn is_folder_name(name: &str) -> bool {
     !name.is_empty() && name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c)) && !name.starts_with('.')
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mutate;
+
+    /// Every mutation is options or an error of one line, here and where `clap` takes the words.
+    #[test]
+    fn mutated_files_of_options_and_lists_of_jobs_never_panic_or_hang() {
+        if !mutate::in_a_small_child("commands::batch::tests::mutated_files_of_options_and_lists_of_jobs_never_panic_or_hang", 60) {
+            return;
+        }
+        let options = "model = \"fox.glb\"\nvideos = [\"walk.mp4\", \"run.mp4\"]\nout = \"o\"\ncamera = \"preset:puppeteer\"\n\
+                       clip = [\"walk\"]\nmask = \"onnx:a/u2net.onnx:u2net\"\nheight = 256\nsize-m = 1.5\nframes = \"0..9\"\nresume = true\n";
+        let jobs = "[defaults]\nheight = 512\n\n[[job]]\nname = \"fox\"\nmodel = \"fox.glb\"\nvideos = [\"walk.mp4\"]\n\n\
+                    [[job]]\nname = \"wolf\"\nmodel = \"wolf.glb\"\nvideos = [\"gallop.mp4\"]\n";
+        let folder = tempfile::tempdir().expect("temporary folder");
+        let path = folder.path().join("a.toml");
+        let mut cli = Cli::command();
+        cli.build();
+        let taken = |table: anyhow::Result<Table>| -> anyhow::Result<()> {
+            let animate = cli.find_subcommand("animate").expect("there is one");
+            let words = config::words(animate, &table?, Path::new("/jobs"), None)?;
+            cli.clone().try_get_matches_from(words).map(drop).map_err(anyhow::Error::from)
+        };
+        mutate::hammer("options as TOML", &[options.into()], 2000, |bytes| {
+            std::fs::write(&path, bytes).expect("written");
+            taken(config::read(&path)).is_ok()
+        });
+        let common = crate::Common { json: false, quiet: true, seed: 0, threads: 1 };
+        let list = Batch { jobs_file: path.clone(), out: None, jobs: 1, only: Vec::new(), shard: None, again: false };
+        mutate::hammer("jobs as TOML", &[jobs.into()], 2000, |bytes| {
+            std::fs::write(&path, bytes).expect("written");
+            list.read(Path::new("results"), &common).is_ok()
+        });
+    }
+}

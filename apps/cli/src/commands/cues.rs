@@ -1,7 +1,7 @@
-use super::fitting::depth_kind;
+use super::fitting::{depth, depth_kind, masks};
 use crate::bar::Bar;
 use crate::{Common, out};
-use animimic::cues::{Form, Given};
+use animimic::cues::{CueSource, Form, Given};
 use animimic::scene::DepthKind;
 use std::path::PathBuf;
 
@@ -12,16 +12,16 @@ pub struct Cues {
     /// Folder for masks.npz, tracks.npz, depth.npz (if given) and overlay.mp4; made if absent
     #[arg(short, long, value_name = "DIR")]
     out: PathBuf,
-    /// Masks made elsewhere, to look at or to write in another form: npz or folder of PNGs
-    #[arg(long = "mask", value_name = "FILE|DIR")]
-    masks: Option<PathBuf>,
+    /// Masks made elsewhere, to look at or to write in another form: npz or folder of PNGs; or by a network (u2net, isnet)
+    #[arg(long = "mask", value_name = "FILE|DIR|onnx:FILE[:PRESET]", value_parser = masks)]
+    masks: Option<CueSource>,
     /// Point tracks made elsewhere: npz
     #[arg(long, value_name = "FILE")]
     tracks: Option<PathBuf>,
-    /// Depth made elsewhere: npz or folder of 16-bit PNGs
-    #[arg(long, value_name = "FILE|DIR")]
-    depth: Option<PathBuf>,
-    /// What the depth means: metric (distance) or inverse (disparity) [default: what the npz says, else metric]
+    /// Depth made elsewhere: npz or folder of 16-bit PNGs or EXRs; or by a network (midas, depth-anything)
+    #[arg(long, value_name = "FILE|DIR|onnx:FILE[:PRESET]", value_parser = depth)]
+    depth: Option<CueSource>,
+    /// What the depth means: metric (distance) or inverse (disparity) [default: what the npz says, inverse of a network, else metric]
     #[arg(long, value_name = "metric|inverse", value_parser = depth_kind)]
     depth_kind: Option<DepthKind>,
     /// How masks and depth are written: npz, or png for folders of pictures
@@ -43,9 +43,9 @@ fn form(text: &str) -> Result<Form, String> {
 impl Cues {
     pub fn run(&self, common: &Common) -> anyhow::Result<()> {
         let given = Given {
-            masks: self.masks.as_deref(),
+            masks: self.masks.as_ref(),
             tracks: self.tracks.as_deref(),
-            depth: self.depth.as_deref(),
+            depth: self.depth.as_ref(),
             depth_kind: self.depth_kind,
         };
         let mut bar = Bar::new(common);

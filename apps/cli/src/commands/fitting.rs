@@ -4,6 +4,7 @@ use super::shared::Mend;
 use crate::bar::Bar;
 use crate::{Common, out};
 use animimic::camera::CameraChoice;
+use animimic::cues::{CueSource, Gives};
 use animimic::rigging::RigChoice;
 use animimic::scene::DepthKind;
 use animimic::{Error, Job, Preset, Progress, Report};
@@ -26,16 +27,16 @@ pub struct Fitting {
     /// Use only frames A up to, not including, B of each video
     #[arg(long, value_name = "A..B", value_parser = range)]
     pub frames: Option<Range<usize>>,
-    /// Masks made elsewhere (npz or folder of PNGs) instead of found ones; once per video
-    #[arg(long = "mask", value_name = "FILE|DIR")]
-    pub masks: Vec<PathBuf>,
+    /// Masks made elsewhere (npz or folder of PNGs), or by a network (u2net, isnet), instead of found ones; once per video
+    #[arg(long = "mask", value_name = "FILE|DIR|onnx:FILE[:PRESET]", value_parser = masks, value_hint = ValueHint::AnyPath)]
+    pub masks: Vec<CueSource>,
     /// Point tracks made elsewhere (npz: tracks, visibility, queries; pixels of the video's own size); once per video
     #[arg(long = "tracks", value_name = "FILE")]
     pub tracks: Vec<PathBuf>,
-    /// Depth made elsewhere (npz, or folder of 16-bit PNGs), up to scale and shift per frame; once per video
-    #[arg(long = "depth", value_name = "FILE|DIR")]
-    pub depth: Vec<PathBuf>,
-    /// What the depth means: metric (distance) or inverse (disparity) [default: what the npz says, else metric]
+    /// Depth made elsewhere (npz, or folder of 16-bit PNGs or EXRs), or by a network (midas, depth-anything), up to scale and shift per frame; once per video
+    #[arg(long = "depth", value_name = "FILE|DIR|onnx:FILE[:PRESET]", value_parser = depth, value_hint = ValueHint::AnyPath)]
+    pub depth: Vec<CueSource>,
+    /// What the depth means: metric (distance) or inverse (disparity) [default: what the npz says, inverse of a network, else metric]
     #[arg(long, value_name = "metric|inverse", value_parser = depth_kind)]
     pub depth_kind: Option<DepthKind>,
     /// Height at which the video is worked on [px]; never enlarged
@@ -102,6 +103,16 @@ fn words(report: &Report) -> String {
         clip.uncertain.iter().for_each(|doubt| text += &format!("  uncertain: {doubt}\n"));
     }
     text
+}
+
+/// Where masks come from.
+pub(super) fn masks(text: &str) -> Result<CueSource, String> {
+    CueSource::parse(text, Gives::Masks)
+}
+
+/// Where depth comes from.
+pub(super) fn depth(text: &str) -> Result<CueSource, String> {
+    CueSource::parse(text, Gives::Depth)
 }
 
 /// The word for what depth values mean.

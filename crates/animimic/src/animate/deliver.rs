@@ -2,7 +2,7 @@
 
 use super::html::{self, Shown};
 use super::sheet::Stage;
-use super::{Clock, Job, Report, Take};
+use super::{Clock, Job, Report, Take, Work};
 use crate::Error;
 use crate::event::{Event, Progress, tell};
 use crate::film::film;
@@ -39,23 +39,22 @@ impl Names {
 
 /// Writes `animated.glb` and, where asked for, `soft.glb`, then for each take `views.mp4`, `residuals.mp4`, `contact_sheet.png` and
 /// `camera.json`, then both reports; returns their paths.
-pub fn write(
+pub(super) fn write(
     job: &Job,
-    asset: &Asset,
-    takes: &[Take],
+    work: &Work,
     report: &mut Report,
     clock: &mut Clock,
     progress: &mut Progress,
 ) -> Result<Vec<PathBuf>, Error> {
-    let folder = &job.out;
+    let (folder, Work { asset, takes, youngs, .. }) = (&job.out, work);
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     tell(progress, Event::Stage { name: "writing" })?;
     let soft = job.stage == super::Stage::Soft;
     // What goes beyond the skeleton goes with `soft.glb`.
     let physics = if soft { Physics::NONE } else { job.physics };
-    let mut files = glb(&folder.join("animated.glb"), physics, asset, &skinned(takes), report, clock)?;
+    let mut files = glb(&folder.join("animated.glb"), physics, asset, &skinned(takes), &[], report, clock)?;
     if soft {
-        files.extend(glb(&folder.join("soft.glb"), job.physics, asset, &refined(takes), report, clock)?);
+        files.extend(glb(&folder.join("soft.glb"), job.physics, asset, &refined(takes), youngs, report, clock)?);
     }
     let mut shown = Vec::new();
     for take in takes {
@@ -86,20 +85,21 @@ fn refined(takes: &[Take]) -> Vec<Refined> {
     takes.iter().map(|t| Refined { motion: t.motion.clone(), trajectory: surface(t) }).collect()
 }
 
-/// Writes the model with a clip per take, and what goes with it; what made it travels in the file, and what it lost in the report.
+/// Writes the model with a clip per take and the moduli of its flesh (none if empty), and what goes with it; what made it travels in the file, and what it lost in the report.
 /// Returns the paths of all files.
 pub fn glb(
     path: &Path,
     physics: Physics,
     asset: &Asset,
     clips: &[Refined],
+    youngs: &[f32],
     report: &mut Report,
     clock: &mut Clock,
 ) -> Result<Vec<PathBuf>, Error> {
     let delivered = clock.time("export", || {
         let metrics: Vec<_> = report.clips.iter().map(|c| &c.metrics).collect();
         let extras = serde_json::json!({"program": report.program, "options": report.options, "metrics": metrics});
-        let options = ExportOptions { extras, ..Default::default() };
+        let options = ExportOptions { youngs: youngs.to_vec(), extras, ..Default::default() };
         physics::deliver(physics, &Delivery { asset, clips, glb: path, options })
     })?;
     report.physics = delivered.to_json();

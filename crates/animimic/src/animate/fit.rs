@@ -18,7 +18,7 @@ pub fn fit(job: &Job, progress: &mut Progress) -> Result<Report, Error> {
     let job = Job { stage: Stage::Pose, ..job.clone() };
     let (work, mut report) = solve(&job, &Run::default(), &mut clock, progress)?;
     tell(progress, Event::Stage { name: "writing" })?;
-    deliver::glb(&job.out, job.physics, &work.asset, &deliver::skinned(&work.takes), &mut report, &mut clock)?;
+    deliver::glb(&job.out, job.physics, &work.asset, &deliver::skinned(&work.takes), &[], &mut report, &mut clock)?;
     report.timings = clock.to_json();
     Ok(report)
 }

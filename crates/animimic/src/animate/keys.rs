@@ -18,10 +18,14 @@ pub fn model(asset: &Asset, made_rig: bool) -> Key {
 /// A given file that cannot be read.
 pub fn seen(job: &Job, index: usize, model: &Key, video: &Video) -> Result<Key, Error> {
     let mut key = model.clone().and("seen").and_video(video);
-    for (what, paths) in [("masks", &job.masks), ("tracks", &job.tracks), ("depth", &job.depth)] {
-        if let Some(path) = paths.get(index) {
-            key = key.and(what).and_path(path)?;
+    for (what, sources) in [("masks", &job.masks), ("depth", &job.depth)] {
+        if let Some(source) = sources.get(index) {
+            // Where the file lies does not count.
+            key = key.and(what).and(source.at(PathBuf::new())).and_path(source.path())?;
         }
+    }
+    if let Some(path) = job.tracks.get(index) {
+        key = key.and("tracks").and_path(path)?;
     }
     key = key.and(job.depth_kind);
     match &job.camera {

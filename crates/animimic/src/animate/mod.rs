@@ -110,6 +110,8 @@ impl Clock {
 struct Work {
     asset: Asset,
     takes: Vec<Take>,
+    /// Young's modulus of the flesh at the surface [Pa], per vertex; empty where none was made.
+    youngs: Vec<f32>,
     /// What all of it depends on.
     key: Key,
 }
@@ -135,7 +137,7 @@ pub(crate) fn animated(job: &Job, progress: &mut Progress) -> Result<(Report, bo
         return Ok((report, true));
     }
     let (work, mut report) = solve(job, &run, &mut clock, progress)?;
-    let files = deliver::write(job, &work.asset, &work.takes, &mut report, &mut clock, progress)?;
+    let files = deliver::write(job, &work, &mut report, &mut clock, progress)?;
     run.finish(&job.out, &work.key, &files)?;
     Ok((report, false))
 }
@@ -181,8 +183,8 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
         takes.push(take);
         motions.push(key);
     }
-    let material = match job.stage {
-        Stage::Pose => serde_json::Value::Null,
+    let (material, youngs) = match job.stage {
+        Stage::Pose => Default::default(),
         Stage::Soft => {
             let key = keys::soft(job, &motions);
             clock.time("soft tissue", || soft::refine(job, run, &key, model, &mut takes, progress))?
@@ -195,7 +197,7 @@ fn solve(job: &Job, run: &Run, clock: &mut Clock, progress: &mut Progress) -> Re
     }
     let report = Report { material, ..Report::new(job, &asset, rig.words, clips) };
     let key = keys::whole(job, &motions);
-    Ok((Work { asset, takes, key }, report))
+    Ok((Work { asset, takes, youngs, key }, report))
 }
 
 fn read_model(job: &Job) -> Result<Asset, Error> {
@@ -294,9 +296,9 @@ fn see(
 ) -> Result<Seen, Error> {
     tell(progress, Event::Stage { name: "masks" })?;
     let given = Given {
-        masks: job.masks.get(index).map(PathBuf::as_path),
+        masks: job.masks.get(index),
         tracks: job.tracks.get(index).map(PathBuf::as_path),
-        depth: job.depth.get(index).map(PathBuf::as_path),
+        depth: job.depth.get(index),
         depth_kind: job.depth_kind,
     };
     let mut found = clock.time("masks", || crate::cues::find(video, &given))?;

@@ -1,6 +1,7 @@
 //! What `animate` is asked to do.
 
 use crate::camera::CameraChoice;
+use crate::cues::CueSource;
 use crate::rigging::RigChoice;
 use crate::{Error, Physics};
 use animimic_fit::Preset;
@@ -28,12 +29,12 @@ pub struct Job {
     pub frames: Option<Range<usize>>,
     /// Working height of the video [px].
     pub height_px: usize,
-    /// Masks made elsewhere (npz or folder of PNGs), in the order of the videos; missing ones are found.
-    pub masks: Vec<PathBuf>,
+    /// Masks made elsewhere (npz or folder of PNGs) or by a network, in the order of the videos; missing ones are found.
+    pub masks: Vec<CueSource>,
     /// Point tracks made elsewhere (npz), in the order of the videos.
     pub tracks: Vec<PathBuf>,
-    /// Depth made elsewhere (npz or folder of 16-bit PNGs), in the order of the videos.
-    pub depth: Vec<PathBuf>,
+    /// Depth made elsewhere (npz, or folder of 16-bit PNGs or EXRs) or by a network, in the order of the videos.
+    pub depth: Vec<CueSource>,
     /// What that depth means, where its files do not say so.
     pub depth_kind: Option<DepthKind>,
     /// How the motion is found.
@@ -143,12 +144,13 @@ impl Job {
     pub(super) fn words(&self) -> String {
         let name = |p: &PathBuf| p.file_name().map(PathBuf::from).unwrap_or_default();
         let names = |paths: &[PathBuf]| paths.iter().map(name).collect();
+        let sources = |list: &[CueSource]| list.iter().map(|s| s.at(name(&s.path().into()))).collect();
         let plain = Self {
             model: name(&self.model),
             videos: names(&self.videos),
-            masks: names(&self.masks),
+            masks: sources(&self.masks),
             tracks: names(&self.tracks),
-            depth: names(&self.depth),
+            depth: sources(&self.depth),
             out: PathBuf::new(),
             resume: false,
             ..self.clone()

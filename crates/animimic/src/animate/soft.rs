@@ -14,6 +14,8 @@ use serde_json::{Value, json};
 #[derive(Debug)]
 struct Flesh {
     takes: Vec<Soft>,
+    /// Young's modulus of the flesh at the surface [Pa], per vertex; the takes share it.
+    youngs: Vec<f32>,
     /// What was learnt of the material.
     material: Value,
 }
@@ -29,7 +31,8 @@ struct Soft {
     report: Value,
 }
 
-/// Gives each take the soft surface that its frames speak for, found now or before; returns what was learnt of the material.
+/// Gives each take the soft surface that its frames speak for, found now or before; returns what was learnt of the material, and
+/// Young's modulus of the flesh at the surface [Pa], per vertex.
 pub fn refine(
     job: &Job,
     run: &Run,
@@ -37,12 +40,12 @@ pub fn refine(
     model: Model,
     takes: &mut [Take],
     progress: &mut Progress,
-) -> Result<Value, Error> {
+) -> Result<(Value, Vec<f32>), Error> {
     let flesh = run.kept("soft", key, || find(job, model, takes, progress))?;
     for (take, soft) in takes.iter_mut().zip(flesh.takes) {
         (take.soft, take.soft_kept, take.softness) = (soft.surface, soft.kept, soft.report);
     }
-    Ok(flesh.material)
+    Ok((flesh.material, flesh.youngs))
 }
 
 fn find(job: &Job, model: Model, takes: &[Take], progress: &mut Progress) -> Result<Flesh, Error> {
@@ -64,14 +67,17 @@ fn find(job: &Job, model: Model, takes: &[Take], progress: &mut Progress) -> Res
         })
         .collect();
     let (outcomes, material) = soften(model.asset, model.solved, &filmed, &ask, progress)?;
+    let youngs = outcomes.first().map(|o| o.softened.youngs.clone()).unwrap_or_default();
     let takes = outcomes.into_iter().map(|o| Soft { surface: o.shown, kept: o.kept, report: o.report }).collect();
-    Ok(Flesh { takes, material })
+    Ok(Flesh { takes, youngs, material })
 }
 
 impl Kept for Flesh {
     fn to_record(&self) -> Record {
         let takes: Vec<Value> = self.takes.iter().map(|t| json!([t.kept, t.report])).collect();
         let record = Record { json: json!({"takes": takes, "material": self.material}), arrays: Vec::new() };
+        let youngs: Vec<f64> = self.youngs.iter().map(|y| f64::from(*y)).collect();
+        let record = record.with_f64("youngs", &[youngs.len()], youngs);
         let surfaces = self.takes.iter().enumerate();
         surfaces.fold(record, |record, (k, take)| with_surface(record, &format!("surface_{k}"), &take.surface))
     }
@@ -82,7 +88,8 @@ impl Kept for Flesh {
             Some(Soft { surface, kept: v.get(0)?.as_bool()?, report: v.get(1)?.clone() })
         };
         let takes = record.json["takes"].as_array()?.iter().enumerate().map(take).collect::<Option<_>>()?;
-        Some(Self { takes, material: record.json["material"].clone() })
+        let youngs = record.f64s("youngs")?.iter().map(|y| *y as f32).collect();
+        Some(Self { takes, youngs, material: record.json["material"].clone() })
     }
 }
 
@@ -113,6 +120,7 @@ mod tests {
                 Soft { surface: Vec::new(), kept: false, report: json!({"gain": 1.0 / 3.0}) },
                 Soft { surface: frames, kept: true, report: Value::Null },
             ],
+            youngs: vec![1e5, 1.0 / 3.0],
             material: json!([0.1, "a"]),
         };
         let folder = tempfile::tempdir().expect("made");

@@ -17,6 +17,8 @@ pub(crate) struct Softened {
     pub skinned: Vec<Vec<DVec3>>,
     pub soft: Vec<Vec<DVec3>>,
     pub simulation: Simulation,
+    /// Young's modulus of the flesh at the surface [Pa], per vertex.
+    pub youngs: Vec<f32>,
     /// `None` before crossings were looked for.
     pub yielded: Option<Yielded>,
     pub tets: usize,
@@ -43,7 +45,10 @@ pub(crate) fn soften(
         .collect();
     let (skinned, soft) = pairs.into_iter().unzip();
     let (simulation, tets) = (simulated.report, tissue.body.tets.len());
-    Ok(Softened { motion: motion.clone(), skinned, soft, simulation, yielded: None, tets, simulated_s })
+    // That of the tet that carries the vertex.
+    let young = |tet: &u32| elasticity.ln_youngs[elasticity.cluster[*tet as usize] as usize].exp() as f32;
+    let youngs = tissue.cage.embedding.tet.iter().map(young).collect();
+    Ok(Softened { motion: motion.clone(), skinned, soft, simulation, youngs, yielded: None, tets, simulated_s })
 }
 
 impl Softened {

@@ -34,7 +34,7 @@ pub fn write(
     let glb = job.out.join("softened.glb");
     let mut report = report(job, asset, softened);
     learnt.as_object().into_iter().flatten().for_each(|(k, v)| report[k] = v.clone());
-    let options = ExportOptions { extras: report.clone(), ..Default::default() };
+    let options = ExportOptions { youngs: softened.youngs.clone(), extras: report.clone(), ..Default::default() };
     let clips = [softened.refined()];
     let delivered = deliver(job.physics, &Delivery { asset, clips: &clips, glb: &glb, options })?;
     views(job, asset, softened, progress)?;

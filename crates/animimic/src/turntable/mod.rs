@@ -63,7 +63,7 @@ fn encode_first(frames: &mut dyn Iterator<Item = Image>, _fps: f64) -> Result<Ve
 /// Draws the views side by side and writes the file; returns the number of frames.
 ///
 /// # Errors
-/// Unreadable model or video, unknown clip, camera or overlay, residuals without a video, another kind of file, or a stop.
+/// Unreadable model or video, unknown clip, camera or overlay, an overlay that the model has no data for, residuals without a video, another kind of file, or a stop.
 pub fn render(shoot: &Shoot, progress: &mut Progress) -> Result<usize, Error> {
     let extension = shoot.out.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     let (kind, encode) = FILES
@@ -105,6 +105,9 @@ impl Stage {
         let asset = io::read_with(&shoot.asset, &io::ReadOptions { repair: shoot.repair })?;
         for warning in &asset.warnings {
             tell(progress, Event::Warning(warning.clone()))?;
+        }
+        if let Some(what) = overlays.iter().find_map(|o| o.lacks(&asset)) {
+            return Err(Error::Input(format!("{}: {what}", shoot.asset.display())));
         }
         let play = player(&asset, shoot)?;
         let observed = shoot.video.as_deref().map(|v| observed(v, shoot.height_px)).transpose()?;

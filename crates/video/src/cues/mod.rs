@@ -5,6 +5,7 @@ mod colors;
 mod files;
 mod masks;
 mod max_flow;
+pub mod network;
 mod overlay;
 mod plate;
 mod prior;

@@ -4,10 +4,12 @@
 
 mod residuals;
 mod skeleton;
+mod stiffness;
 mod weights;
 
 pub use residuals::Residuals;
 pub use skeleton::Bones;
+pub use stiffness::Stiffness;
 pub use weights::Weights;
 
 pub(crate) use skeleton::draw_bones;
@@ -51,6 +53,10 @@ pub trait Overlay: Sync {
     fn repainted(&self, _asset: &Asset) -> Option<Asset> {
         None
     }
+    /// What the model lacks to be shown so, and what to do; `None` where it lacks nothing.
+    fn lacks(&self, _asset: &Asset) -> Option<&'static str> {
+        None
+    }
     /// Whether it decides the surface's colours, as only one overlay can.
     fn colours_the_surface(&self) -> bool {
         false
@@ -64,7 +70,7 @@ pub trait Overlay: Sync {
 }
 
 /// All overlays, in the order in which they are drawn.
-pub const OVERLAYS: &[&dyn Overlay] = &[&Weights, &Residuals, &Bones];
+pub const OVERLAYS: &[&dyn Overlay] = &[&Weights, &Stiffness, &Residuals, &Bones];
 
 /// The overlays of these names, in the order in which they are drawn.
 ///
@@ -96,7 +102,7 @@ mod tests {
     #[test]
     fn overlays_are_found_by_name_in_the_order_of_drawing_and_refused_where_they_hide_each_other() {
         assert_eq!(named(&["skeleton", "weights"]), Ok(vec!["weights", "skeleton"]));
-        assert!(named(&["bones"]).unwrap_err().contains("weights, residuals, skeleton"));
+        assert!(named(&["bones"]).unwrap_err().contains("weights, stiffness, residuals, skeleton"));
         assert!(named(&["residuals", "weights"]).unwrap_err().contains("one of them"));
         assert!(OVERLAYS.iter().all(|o| !o.summary().is_empty()));
     }

@@ -201,6 +201,7 @@ impl Geometry<'_> {
         let normals = read("NORMAL", 3..=3)?;
         let uvs = read(&format!("TEXCOORD_{}", material.texcoord), 2..=2)?;
         let colors = read("COLOR_0", 3..=4)?;
+        let youngs = read("_YOUNG", 1..=1)?;
         let mesh = &mut self.mesh;
         let fill = |x: f64| if x.is_finite() { x } else { 0.0 };
         append(&mut mesh.normals, first, count, DVec3::ZERO, normals, |r| {
@@ -212,6 +213,7 @@ impl Geometry<'_> {
         append(&mut mesh.colors, first, count, [1.0; 3], colors, |r| {
             [r[0], r[1], r[2]].map(|x| fill(x).clamp(0.0, 1.0) as f32)
         });
+        append(&mut mesh.youngs, first, count, 0.0, youngs, |r| fill(r[0]).max(0.0) as f32);
         Ok(())
     }
 

@@ -1,6 +1,7 @@
-//! Depth: npz archives and folders of 16-bit PNGs.
+//! Depth: npz archives, folders of 16-bit PNGs or of EXRs.
 
-use super::{any, opened, pictures, saved};
+use super::exr::read_exr;
+use super::{any, files_ending, opened, pictures, saved};
 use crate::error::{Result, VideoError};
 use crate::pixels::open_image;
 use crate::write::{encode_samples, write_whole};
@@ -8,7 +9,7 @@ use animimic_scene::io::npz::Values;
 use animimic_scene::{DepthKind, DepthMap};
 use std::path::{Path, PathBuf};
 
-/// Reads depth: a folder of 8- or 16-bit PNGs (0 = none) or an npz with `depth` or `depths` \[T,H,W\] (NaN, infinity or ≤ 0 = none); a
+/// Reads depth: a folder of 8- or 16-bit PNGs (0 = none), a folder of EXRs, or an npz with `depth` or `depths` \[T,H,W\] (NaN, infinity or ≤ 0 = none); a
 /// batch in front and a channel at the end, both of length 1, are dropped (as VGGT has them).
 ///
 /// What the values mean is `kind` where given; else what the npz says (`kind`: 0 metric, 1 inverse; an array called `disparity` is inverse),
@@ -16,12 +17,20 @@ use std::path::{Path, PathBuf};
 pub fn read_depth(path: &Path, kind: Option<DepthKind>) -> Result<(Vec<DepthMap>, DepthKind)> {
     let sound = |v: f32| if v.is_finite() && v > 0.0 { v } else { f32::NAN };
     if path.is_dir() {
+        let floats = files_ending(path, "exr")?;
+        if !floats.is_empty() {
+            if !files_ending(path, "png")?.is_empty() {
+                let what = "the folder holds EXR and PNG pictures: put those that are not depth elsewhere";
+                return Err(VideoError::invalid(path, what));
+            }
+            return Ok((floats.iter().map(|f| read_exr(f)).collect::<Result<_>>()?, kind.unwrap_or_default()));
+        }
         let map = |file: &PathBuf| -> Result<DepthMap> {
             let image = open_image(file)?.into_luma16();
             let (width, height) = (image.width() as usize, image.height() as usize);
             Ok(DepthMap { width, height, values: image.into_raw().into_iter().map(|v| sound(f32::from(v))).collect() })
         };
-        return Ok((pictures(path)?.iter().map(map).collect::<Result<_>>()?, kind.unwrap_or_default()));
+        return Ok((pictures(path, "png")?.iter().map(map).collect::<Result<_>>()?, kind.unwrap_or_default()));
     }
     let archive = opened(path)?;
     let array = any(path, &archive, &["depth", "depths", "depth_map", "disparity"])?;

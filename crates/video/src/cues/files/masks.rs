@@ -21,7 +21,7 @@ const MOST_OBJECTS: f32 = 127.0;
 /// x as `numpy.packbits` does (`width` or `shape` state the true width, else 8·bytes).
 pub fn read_masks(path: &Path) -> Result<Vec<Mask>> {
     if path.is_dir() {
-        let files = pictures(path)?;
+        let files = pictures(path, "png")?;
         return Ok(from_shades(files.iter().map(|f| read_mask_png(f)).collect::<Result<_>>()?));
     }
     let archive = opened(path)?;

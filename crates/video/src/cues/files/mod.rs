@@ -1,6 +1,7 @@
-//! Cue files, ours and those of other programs: masks, tracks and depth as npz, masks and depth as folders of PNGs.
+//! Cue files, ours and those of other programs: masks, tracks and depth as npz, masks and depth as folders of PNGs, depth as EXRs.
 
 mod depth;
+mod exr;
 mod masks;
 mod tracks;
 
@@ -71,17 +72,23 @@ fn any<'a>(path: &Path, archive: &'a Archive, names: &[&str]) -> Result<Named<'a
     })
 }
 
-/// The pictures of a folder in order of their names.
-fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+/// The pictures of a folder with that ending, in order of their names; none is an error.
+fn pictures(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+    let files = files_ending(folder, ending)?;
+    let none = || VideoError::invalid(folder, format!("the folder holds no {} pictures", ending.to_uppercase()));
+    if files.is_empty() { Err(none()) } else { Ok(files) }
+}
+
+fn files_ending(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(VideoError::io(folder))? {
         let file = entry.map_err(VideoError::io(folder))?.path();
-        if file.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        if file.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending)) {
             files.push(file);
         }
     }
     crate::source::folder::sort_naturally(&mut files);
-    if files.is_empty() { Err(VideoError::invalid(folder, "the folder holds no PNG pictures")) } else { Ok(files) }
+    Ok(files)
 }
 
 #[cfg(test)]

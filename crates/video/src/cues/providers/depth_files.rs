@@ -12,7 +12,7 @@ impl Provider for DepthFiles {
     }
 
     fn summary(&self) -> &'static str {
-        "depth of another program, up to scale and shift per frame: npz or a folder of 16-bit PNGs"
+        "depth of another program, up to scale and shift per frame: npz or a folder of 16-bit PNGs or EXRs"
     }
 
     fn provide(&self, sources: &Sources, found: &mut Found) -> Result<()> {

@@ -6,6 +6,8 @@ mod at_video;
 mod depth_files;
 mod flow_tracks;
 mod mask_files;
+mod network_depth;
+mod network_masks;
 mod plain_masks;
 mod silhouette_masks;
 mod track_files;
@@ -14,11 +16,14 @@ pub use at_video::resized_tracks;
 pub use depth_files::DepthFiles;
 pub use flow_tracks::FlowTracks;
 pub use mask_files::MaskFiles;
+pub use network_depth::NetworkDepth;
+pub use network_masks::NetworkMasks;
 pub use plain_masks::PlainMasks;
 pub use silhouette_masks::SilhouetteMasks;
 pub use track_files::TrackFiles;
 
 use super::Background;
+use super::network::Network;
 use crate::error::{Result, VideoError};
 use animimic_scene::{Cues, DepthKind, Mask, Video};
 use std::path::Path;
@@ -32,18 +37,24 @@ pub struct Sources<'a> {
     pub silhouette: Option<&'a Mask>,
     /// The file or folder that another program made.
     pub file: Option<&'a Path>,
-    /// What the depth in that file means, where the user says so.
+    /// The network that is to be run.
+    pub network: Option<&'a Network>,
+    /// What the depth in that file or of that network means, where the user says so.
     pub depth_kind: Option<DepthKind>,
 }
 
 impl<'a> Sources<'a> {
     /// A video alone.
     pub fn new(video: &'a Video) -> Self {
-        Self { video, silhouette: None, file: None, depth_kind: None }
+        Self { video, silhouette: None, file: None, network: None, depth_kind: None }
     }
 
     fn need_file(&self, provider: &dyn Provider) -> Result<&'a Path> {
         self.file.ok_or_else(|| VideoError::Caller(format!("{} needs a file to read", provider.name())))
+    }
+
+    fn need_network(&self, provider: &dyn Provider) -> Result<&'a Network> {
+        self.network.ok_or_else(|| VideoError::Caller(format!("{} needs a network to run", provider.name())))
     }
 }
 
@@ -73,7 +84,7 @@ pub trait Provider: Sync {
 
 /// All providers, in the order in which they are listed.
 pub const PROVIDERS: &[&dyn Provider] =
-    &[&PlainMasks, &SilhouetteMasks, &MaskFiles, &FlowTracks, &TrackFiles, &DepthFiles];
+    &[&PlainMasks, &SilhouetteMasks, &MaskFiles, &NetworkMasks, &FlowTracks, &TrackFiles, &DepthFiles, &NetworkDepth];
 
 #[cfg(test)]
 mod tests {
@@ -113,6 +124,14 @@ mod tests {
             assert!(
                 !provider.summary().is_empty() && PROVIDERS.iter().filter(|p| p.name() == provider.name()).count() == 1
             );
+            if way == "onnx" {
+                // Networks have tests of their own.
+                assert!(matches!(
+                    provider.provide(&Sources::new(&video), &mut Found::default()),
+                    Err(VideoError::Caller(_))
+                ));
+                continue;
+            }
             let file = path(&format!("{kind}.npz"));
             let sources = Sources { silhouette: Some(&masks[0]), file: Some(&file), ..Sources::new(&video) };
             let mut found = Found::default();

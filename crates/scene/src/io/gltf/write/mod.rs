@@ -30,13 +30,15 @@ pub struct ExportOptions {
     pub kept: Vec<Motion>,
     /// Shapes that play with the motions.
     pub morphs: Option<Morphs>,
+    /// Young's modulus of the flesh at the surface [Pa], per vertex, written as `_YOUNG`; none if empty.
+    pub youngs: Vec<f32>,
     /// Goes to `asset.extras.animimic`: version, options, seed, metrics.
     pub extras: Value,
 }
 
 impl Default for ExportOptions {
     fn default() -> Self {
-        Self { keep_clips: true, kept: Vec::new(), morphs: None, extras: Value::Null }
+        Self { keep_clips: true, kept: Vec::new(), morphs: None, youngs: Vec::new(), extras: Value::Null }
     }
 }
 
@@ -64,6 +66,9 @@ pub fn write_clips(asset: &Asset, motions: &[Motion], options: &ExportOptions) -
         }
         nodes.into_iter().map(|n| n.unwrap_or(0)).collect()
     };
+    if !options.youngs.is_empty() {
+        add_youngs(&mut out, asset, &parts, &options.youngs)?;
+    }
     animation::add(&mut out, asset, &node_of_joint, motions, options);
     if let Some(morphs) = &options.morphs {
         check_morphs(asset, motions, morphs)?;
@@ -90,6 +95,21 @@ pub fn save_clips(
 ) -> Result<(), SceneError> {
     let bytes = write_clips(asset, motions, options)?;
     write_atomically(path, |w| w.write_all(&bytes))
+}
+
+/// Adds the attribute `_YOUNG` to every primitive.
+fn add_youngs(out: &mut Output, asset: &Asset, parts: &[rig::PartPlace], youngs: &[f32]) -> Result<(), SceneError> {
+    let vertices = asset.mesh.positions.len();
+    if youngs.len() != vertices {
+        return Err(SceneError::Caller(format!("{} moduli for {vertices} vertices", youngs.len())));
+    }
+    for part in parts {
+        rig::own_mesh(out, part.node);
+        let rows: Vec<[f32; 1]> = youngs[part.vertices.clone()].iter().map(|y| [*y]).collect();
+        let accessor = out.floats(&rows, Use::Vertices, false);
+        rig::primitive(&mut out.json, part)["attributes"]["_YOUNG"] = json!(accessor);
+    }
+    Ok(())
 }
 
 fn check_morphs(asset: &Asset, motions: &[Motion], morphs: &Morphs) -> Result<(), SceneError> {
