@@ -268,14 +268,22 @@ fn a_still_carries_its_camera_inside_and_beside_and_shows_the_model_whole() {
         let file = folder.path().join(name).display().to_string();
         let colour: String =
             said["background_rgb"].as_array().unwrap().iter().map(|c| format!("{:02x}", c.as_u64().unwrap())).collect();
-        let size = ["--size", "320x240", "--background", &colour];
-        let drawn =
-            animimic(&[&["still", &example("creature.glb"), "-o", &file, "--camera", camera][..], &size].concat());
+        // No size is asked for: the camera has one.
+        let model = example("creature.glb");
+        let drawn = animimic(&["still", &model, "-o", &file, "--camera", camera, "--background", &colour]);
         assert!(drawn.status.success(), "{}", text(&drawn.stderr));
         std::fs::read(file).unwrap()
     };
     let first = std::fs::read(&still).unwrap();
     assert!(again("beside.png", beside) == first && again("inside.png", &still) == first);
+    let looked = |name: &str, camera: &str| {
+        let file = folder.path().join(name).display().to_string();
+        let arguments = ["--views", "input", "--height", "120", "-q", "--camera", camera];
+        let out = animimic(&[&["render", &example("creature.glb"), "-o", &file][..], &arguments].concat());
+        assert!(out.status.success(), "{}", text(&out.stderr));
+        std::fs::read(file).unwrap()
+    };
+    assert!(looked("look_beside.png", beside) == looked("look_inside.png", &still));
     // A picture from elsewhere has none.
     let frame = folder.path().join("frame.png");
     example_frame(&frame);

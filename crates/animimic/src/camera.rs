@@ -102,6 +102,15 @@ pub fn preset(name: &str, (low, high): (DVec3, DVec3), width: u32, height: u32) 
     Ok(Camera::orbit(0.5 * (low + high), p.distance * unit, azimuth, elevation, p.fov_y_rad, width, height))
 }
 
+/// Reads a camera file, or the camera inside a still.
+///
+/// # Errors
+/// [`Error::Scene`] for a broken file, [`Error::Input`] for a picture without a camera.
+pub fn read(path: &std::path::Path) -> Result<CameraFile, Error> {
+    let is_still = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    if is_still { crate::still::camera_inside(path) } else { Ok(io::camera_json::read(path)?) }
+}
+
 /// Reads a camera file, or the camera inside a still, and fits it to pictures of `width` × `height`.
 ///
 /// # Errors
@@ -109,13 +118,12 @@ pub fn preset(name: &str, (low, high): (DVec3, DVec3), width: u32, height: u32) 
 pub fn from_file(path: &std::path::Path, width: u32, height: u32) -> Result<CameraFile, Error> {
     /// Shapes that differ by less are rounding of the working size.
     const SAME_SHAPE: f64 = 0.01;
-    let is_still = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
-    let mut file = if is_still { crate::still::camera_inside(path)? } else { io::camera_json::read(path)? };
+    let mut file = read(path)?;
     let (own, wanted) =
         (f64::from(file.main.width) / f64::from(file.main.height), f64::from(width) / f64::from(height));
     if (own / wanted - 1.0).abs() > SAME_SHAPE {
         return Err(Error::Input(format!(
-            "{}: made for {}×{} pictures, the video has another shape ({width}×{height}): crop or pad the video",
+            "{}: made for {}×{} pictures, and {width}×{height} has another shape: crop or pad the video, or ask for the camera's own size",
             path.display(),
             file.main.width,
             file.main.height

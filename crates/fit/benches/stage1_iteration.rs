@@ -83,7 +83,15 @@ fn run(scene: &Quadruped) {
     let lights = vec![light; start.len()];
     let model =
         Model { kinematics: &scene.kinematics, vertices: &scene.vertices, surface: &scene.surface, camera: &camera };
-    let combined = Combined { problem: &problem, model, losses: &losses, observed: &observed, lights: &lights, metric };
+    let combined = Combined {
+        problem: &problem,
+        model,
+        flesh: None,
+        losses: &losses,
+        observed: &observed,
+        lights: &lights,
+        metric,
+    };
     let mut poses = start;
     for _ in 0..STEPS {
         let (cpu, wall) = (cpu_seconds(), Instant::now());

@@ -3,6 +3,7 @@
 use crate::quasi_newton::{Evaluation, Objective};
 use crate::rendered::{Model, Observed, Value, Weighted};
 use crate::solver::{Problem, linearize, pose_all, retract};
+use crate::stage1::flesh::Flesh;
 use crate::terms::{At, Term};
 use animimic_math::block_tridiagonal::Factor;
 use animimic_render::Light;
@@ -15,6 +16,8 @@ pub struct Combined<'a> {
     pub problem: &'a Problem<'a>,
     /// What is drawn.
     pub model: Model<'a>,
+    /// How the surface is off the skin, if it is.
+    pub flesh: Option<&'a Flesh>,
     /// Rendered losses.
     pub losses: &'a [Weighted<'a>],
     /// What the video shows \[frame\].
@@ -41,7 +44,12 @@ impl Objective for Combined<'_> {
         let frames: Vec<Value> = all
             .clone()
             .into_par_iter()
-            .map(|t| self.model.evaluate(self.losses, &self.observed[t], &self.lights[t], &poses[t], true))
+            .map(|t| {
+                let evaluate =
+                    |model: Model| model.evaluate(self.losses, &self.observed[t], &self.lights[t], &poses[t], true);
+                let Some(flesh) = self.flesh else { return evaluate(self.model) };
+                evaluate(Model { vertices: &flesh.anchors(t), ..self.model })
+            })
             .collect();
         let losses = self.losses.iter().enumerate();
         parts.extend(losses.map(|(k, l)| l.weight * frames.iter().map(|f| f.losses[k]).sum::<f64>()));

@@ -38,13 +38,18 @@ pub fn truth(subject: &Subject, frames: usize) -> Vec<FramePose> {
 
 /// Calls `work` with a small video of the creature in motion, with exact masks, tracks and depth, and its true poses.
 pub fn with_video(work: impl FnOnce(&Input, &Subject, &[FramePose])) {
+    with_video_of(|subject| truth(subject, FRAMES), work);
+}
+
+/// The same for any motion.
+fn with_video_of(motion: impl FnOnce(&Subject) -> Vec<FramePose>, work: impl FnOnce(&Input, &Subject, &[FramePose])) {
     let asset = asset();
     let subject = Subject::new(&asset).expect("can be drawn");
     let camera = camera(SIZE as u32);
     let light = Light::ambient(1.0);
     let studio = Studio { camera: &camera, light: &light };
     let background = Image::filled(SIZE, SIZE, [240; 3]);
-    let truth = truth(&subject, FRAMES);
+    let truth = motion(&subject);
     let sights: Vec<Sight> = truth.iter().map(|p| Sight::draw(&subject, &studio, &background, p)).collect();
     let frames: Vec<Image> = sights.iter().map(|s| s.image.clone()).collect();
     let masks: Vec<Mask> = sights.iter().map(|s| s.raster.mask()).collect();
@@ -66,7 +71,7 @@ pub fn with_video(work: impl FnOnce(&Input, &Subject, &[FramePose])) {
             .iter()
             .map(|s| points.iter().map(|a| camera.project(a.position(&s.posed)).to_array().map(|v| v as f32)).collect())
             .collect(),
-        confidence: vec![vec![0.8; points.len()]; FRAMES],
+        confidence: vec![vec![0.8; points.len()]; truth.len()],
         query_frame: vec![0; points.len()],
     };
     let flow = |a: &Image, _: &Image| vec![[0.0; 2]; a.width * a.height];
@@ -89,5 +94,14 @@ pub fn with_stage(work: impl FnOnce(&Stage, &[FramePose])) {
     with_video(|input, subject, truth| {
         let light = first_light(input, subject).expect("the object is seen");
         work(&stage(input, subject, &light, Settings::default()), truth);
+    });
+}
+
+/// The same for any motion, without tracks and depth.
+pub fn with_stage_of(motion: impl FnOnce(&Subject) -> Vec<FramePose>, work: impl FnOnce(&Stage, &[FramePose])) {
+    with_video_of(motion, |input, subject, truth| {
+        let input = Input { tracks: None, depth: &[], ..*input };
+        let light = first_light(&input, subject).expect("the object is seen");
+        work(&stage(&input, subject, &light, Settings::default()), truth);
     });
 }

@@ -63,6 +63,18 @@ impl Anchor {
         Self { shares: self.shares.iter().map(times).collect() }
     }
 
+    /// The same with each share's joint replaced by the one that carries it.
+    pub fn carried(&self, carrier: impl Fn(usize) -> usize) -> Self {
+        // What a share adds at rest does not depend on the joint: displacements are from rest.
+        Self::merged(self.shares.iter().map(|s| Share { joint: carrier(s.joint), ..*s }))
+    }
+
+    /// The same with the rest position of each joint's share moved by `by` [model unit].
+    pub fn shifted(&self, by: impl Fn(usize) -> DVec3) -> Self {
+        let moved = |s: &Share| Share { weighted_rest: s.weighted_rest + by(s.joint) * s.weight, ..*s };
+        Self { shares: self.shares.iter().map(moved).collect() }
+    }
+
     fn merged(shares: impl Iterator<Item = Share>) -> Self {
         let mut all: Vec<Share> = shares.collect();
         all.sort_by_key(|s| s.joint);

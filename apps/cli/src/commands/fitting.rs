@@ -18,7 +18,7 @@ pub struct Fitting {
     /// The rig: auto (the model's own, else one is made), keep (only the model's own), or a rigged GLB or rig.txt
     #[arg(long, value_name = "auto|keep|FILE", default_value = "auto", value_hint = ValueHint::AnyPath)]
     pub rig: RigChoice,
-    /// Camera of the videos: auto, a camera.json, or preset:NAME (see `animimic list cameras`)
+    /// Camera of the videos: auto, a camera.json or the still, or preset:NAME (see `animimic list cameras`)
     #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto", value_hint = ValueHint::AnyPath)]
     pub camera: CameraChoice,
     /// Name of the clip in the GLB; once per video [default: the video's file name]

@@ -25,12 +25,12 @@ pub struct Generate {
     /// A PNG or JPEG to start from instead of drawing one
     #[arg(long, value_name = "FILE", conflicts_with_all = ["model", "camera", "size", "repair"])]
     still: Option<PathBuf>,
-    /// Camera of the still: auto, preset:NAME or a camera.json
+    /// Camera of the still: auto, preset:NAME or a camera.json or still
     #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto")]
     camera: CameraChoice,
-    /// Width and height of the still [px]
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = size)]
-    size: [u32; 2],
+    /// Width and height of the still [px] [default: the camera file's, else 1280x720]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<[u32; 2]>,
     #[command(flatten)]
     mend: Mend,
     /// The service's model [default: one that the provider names]
@@ -72,7 +72,7 @@ impl Generate {
         let start = match (&self.still, &self.model) {
             (Some(still), _) => Start::Still(still.clone()),
             (None, Some(model)) => {
-                Start::Model { model: model.clone(), camera: self.camera.clone(), size_px: self.size, repair: self.mend.repair }
+                Start::Model { model: model.clone(), camera: self.camera.clone(), size_px: animimic::still::size_px(&self.camera, self.size, [1280, 720])?, repair: self.mend.repair }
             }
             (None, None) => anyhow::bail!("give a model, or --still FILE"),
         };

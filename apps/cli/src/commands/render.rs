@@ -12,10 +12,10 @@ pub struct Render {
     /// The file to write: .mp4 or .gif for a video, .png for one frame
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// Views side by side: input, a turn in degrees such as +45 or -45, turntable, preset:NAME or a camera.json
+    /// Views side by side: input, a turn in degrees such as +45 or -45, turntable, preset:NAME, a camera.json or a still
     #[arg(long, value_name = "LIST", value_delimiter = ',', allow_hyphen_values = true, default_value = "input,-45,+45")]
     views: Vec<View>,
-    /// Camera of the view `input`: auto (the view that shows most), a camera.json or preset:NAME
+    /// Camera of the view `input`: auto (the view that shows most), a camera.json or still, or preset:NAME
     #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "preset:reference")]
     camera: CameraChoice,
     /// Name of the clip to play [default: the first; a still model is drawn at rest]

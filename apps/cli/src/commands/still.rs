@@ -10,12 +10,12 @@ pub struct Still {
     /// The picture to write; its camera goes beside it as NAME.camera.json
     #[arg(short, long, value_name = "FILE.png")]
     out: PathBuf,
-    /// Camera: auto (the view that shows most), preset:NAME (see `animimic list cameras`) or a camera.json
+    /// Camera: auto (the view that shows most), preset:NAME (see `animimic list cameras`) or a camera.json or still
     #[arg(long, value_name = "auto|FILE|preset:NAME", default_value = "auto")]
     camera: CameraChoice,
-    /// Width and height [px]: the shape that the video is to have
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
-    size: [u32; 2],
+    /// Width and height [px]: the shape that the video is to have [default: the camera file's, else 1024x1024]
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    size: Option<[u32; 2]>,
     /// Background colour as RRGGBB [default: one that stands out from the model]
     #[arg(long, value_name = "RRGGBB", value_parser = color)]
     background: Option<[u8; 3]>,
@@ -42,7 +42,7 @@ impl Still {
             model: self.model.clone(),
             out: self.out.clone(),
             camera: self.camera.clone(),
-            size_px: self.size,
+            size_px: animimic::still::size_px(&self.camera, self.size, [1024, 1024])?,
             background: self.background,
             repair: self.mend.repair,
         };

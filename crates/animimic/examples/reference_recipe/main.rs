@@ -115,6 +115,7 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
     let rounds = stage.settings.final_rounds;
     race.step(&mut poses, |poses| {
         (0..rounds / 2).for_each(|_| drop(stage.finish(poses)));
+        stage.repeat(poses);
         stage.flip_limbs(poses);
     });
     race.step(&mut poses, |poses| {

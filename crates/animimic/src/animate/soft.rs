@@ -51,7 +51,7 @@ pub fn refine(
 fn find(job: &Job, model: Model, takes: &[Take], progress: &mut Progress) -> Result<Flesh, Error> {
     let flesh = &job.flesh;
     let settings = settings(model.asset, flesh.tets, flesh.size_m, &flesh.loose)?;
-    let ask = Ask { settings, young: flesh.young };
+    let ask = Ask { settings, young: flesh.young, solve: true };
     let filmed: Vec<Filmed> = takes
         .iter()
         .map(|take| Filmed {

@@ -34,10 +34,7 @@ const JOINTS: &[(&str, Option<usize>, [f64; 3])] = &[
     ("hind_right_upper", Some(0), [-0.12, 0.56, -0.32]),
     ("hind_right_lower", Some(18), [-0.16, 0.34, -0.23]),
     ("hind_right_paw", Some(19), [-0.15, 0.16, -0.38]),
-    ("tail_1", Some(0), [0.0, 0.68, -0.46]),
-    ("tail_2", Some(21), [0.0, 0.79, -0.66]),
-    ("tail_3", Some(22), [0.0, 0.92, -0.84]),
-    ("tail_4", Some(23), [0.0, 1.06, -1.00]),
+    ("tail", Some(0), [0.0, 0.68, -0.46]),
 ];
 
 /// The joints as a skeleton; all rest rotations are the identity.
@@ -93,11 +90,12 @@ pub fn primitives() -> Vec<Primitive> {
         cone(&name("hind_SIDE_paw", ""), hock, hock - v(0.0, 0.09, -0.05), [0.05, 0.055], None);
         cone(&name("hind_SIDE_paw", ""), hock - v(0.0, 0.095, -0.04), hock - v(0.0, 0.10, -0.12), [0.058, 0.056], None);
     }
-    let tail: Vec<DVec3> = ["tail_1", "tail_2", "tail_3", "tail_4"].iter().map(|n| at(n).1).collect();
-    cone("tail_1", tail[0] + v(0.0, -0.04, 0.06), tail[1], [0.085, 0.095], None);
-    cone("tail_2", tail[1], tail[2], [0.095, 0.125], None);
-    cone("tail_3", tail[2], tail[3], [0.125, 0.115], None);
-    cone("tail_4", tail[3], v(0.0, 1.26, -1.13), [0.115, 0.022], None);
+    // One joint for all of it: it bends where no joint is.
+    let tail = [at("tail").1, v(0.0, 0.79, -0.66), v(0.0, 0.92, -0.84), v(0.0, 1.06, -1.00), v(0.0, 1.26, -1.13)];
+    cone("tail", tail[0] + v(0.0, -0.04, 0.06), tail[1], [0.085, 0.095], None);
+    cone("tail", tail[1], tail[2], [0.095, 0.125], None);
+    cone("tail", tail[2], tail[3], [0.125, 0.115], None);
+    cone("tail", tail[3], tail[4], [0.115, 0.022], None);
     let mut ball = |joint: &str, center: DVec3, radii: DVec3| {
         out.push(Primitive { joint: at(joint).0, shape: Shape::Ellipsoid { center, radii } });
     };

@@ -1,4 +1,4 @@
-//! The motion in the example's video: the creature starts to trot on the spot, looks around, flicks an ear and swishes its tail.
+//! The motion in the example's video: the creature starts to trot on the spot, looks around and flicks an ear; its tail swings along.
 
 use animimic_scene::{Motion, Pose, Skeleton};
 use glam::{DQuat, DVec3};
@@ -15,9 +15,28 @@ pub fn motion(skeleton: &Skeleton, frames: usize, fps: f64) -> Motion {
     Motion { name: "trot".into(), fps, poses }
 }
 
-fn pose(skeleton: &Skeleton, time_secs: f64) -> Pose {
+/// Another clip, for what several videos of one creature say together: it turns and sways on the spot.
+pub fn sway(skeleton: &Skeleton, frames: usize, fps: f64) -> Motion {
+    let pose = |t: usize| {
+        let time_secs = t as f64 / fps;
+        let (onset, wave) = (onset(time_secs), |hertz: f64| (TAU * hertz * time_secs).sin());
+        let mut locals = skeleton.rest_locals();
+        let hips = skeleton.joints.iter().position(|j| j.name == "hips").unwrap_or(0);
+        locals[hips].rotation = DQuat::from_rotation_y(0.30 * onset * wave(0.8));
+        locals[hips].translation += DVec3::new(0.06 * wave(1.1), 0.0, 0.0) * onset;
+        Pose { locals }
+    };
+    Motion { name: "sway".into(), fps, poses: (0..frames).map(pose).collect() }
+}
+
+/// How far motion has set in, in [0, 1].
+fn onset(time_secs: f64) -> f64 {
     let s = (time_secs / ONSET_SECS).clamp(0.0, 1.0);
-    let onset = s * s * (3.0 - 2.0 * s);
+    s * s * (3.0 - 2.0 * s)
+}
+
+fn pose(skeleton: &Skeleton, time_secs: f64) -> Pose {
+    let onset = onset(time_secs);
     let phase = TAU * STEP_HZ * time_secs;
     let locals = skeleton
         .joints
@@ -42,17 +61,15 @@ fn angles(name: &str, phase: f64, time_secs: f64) -> DVec3 {
     let look = (TAU * 0.42 * time_secs).sin();
     let v = DVec3::new;
     match name {
-        "hips" => v(0.02 * (2.0 * phase).sin(), 0.07 * phase.sin(), 0.05 * phase.cos()),
-        "spine" => v(0.03 * (2.0 * phase + 0.6).sin(), -0.05 * phase.sin(), 0.0),
+        "hips" => v(0.02 * (2.0 * phase).sin(), 0.14 * phase.sin(), 0.05 * phase.cos()),
+        "spine" => v(0.03 * (2.0 * phase + 0.6).sin(), -0.10 * phase.sin(), 0.0),
         "chest" => v(-0.03 * (2.0 * phase).sin(), -0.06 * phase.sin(), -0.05 * phase.cos()),
         "neck" => v(-0.10 * look + 0.03 * (2.0 * phase + 1.0).sin(), 0.30 * look, 0.05 * look),
         "head" => v(0.08 * look + 0.05 * (2.0 * phase + 1.8).sin(), 0.34 * look, 0.12 * look),
         "ear_left_1" | "ear_right_1" => v(0.10 * (2.0 * phase + 2.6).sin(), 0.0, flick(name, time_secs)),
         "ear_left_2" | "ear_right_2" => v(0.16 * (2.0 * phase + 2.0).sin(), 0.0, 0.8 * flick(name, time_secs - 0.06)),
-        "tail_1" => v(0.10 * (2.0 * phase).sin(), 0.26 * (phase + 0.3).sin(), 0.0),
-        "tail_2" => v(0.08 * (2.0 * phase - 0.7).sin(), 0.28 * (phase - 0.5).sin(), 0.0),
-        "tail_3" => v(0.08 * (2.0 * phase - 1.4).sin(), 0.30 * (phase - 1.2).sin(), 0.0),
-        "tail_4" => v(0.08 * (2.0 * phase - 2.1).sin(), 0.30 * (phase - 1.9).sin(), 0.0),
+        // No muscle moves it.
+        "tail" => DVec3::ZERO,
         _ => leg(name, phase),
     }
 }

@@ -1,6 +1,6 @@
 //! The example as files, and its truth in the form that [`crate::truth`] reads.
 
-use super::{Example, creature, film};
+use super::{Example, creature, film, surfaces};
 use crate::Error;
 use crate::event::{Event, Progress, tell};
 use crate::pictures::silhouette;
@@ -22,23 +22,24 @@ pub fn write(folder: &Path, truth: bool, progress: &mut Progress) -> Result<Vec<
     let [model, video, camera] = ["creature.glb", "creature.mp4", "camera.json"].map(|name| folder.join(name));
     save_clips(&model, &example.asset, &[], &ExportOptions::default())?;
     io::camera_json::write(&camera, &example.camera)?;
+    tell(progress, Event::Stage { name: "simulating" })?;
+    let surfaces = surfaces(&example)?;
     tell(progress, Event::Stage { name: "filming" })?;
-    animimic_video::write_mp4(&video, &mut film(&example)?, example.motion.fps)?;
+    animimic_video::write_mp4(&video, &mut film(&example, &surfaces)?, example.motion.fps)?;
     let mut files = vec![model.clone(), video, camera.clone()];
     if truth {
         tell(progress, Event::Stage { name: "truth" })?;
-        files.extend(write_truth(&folder.join("truth"), &example, &model)?);
+        files.extend(write_truth(&folder.join("truth"), &example, &surfaces, &model)?);
     }
     Ok(files)
 }
 
-fn write_truth(folder: &Path, example: &Example, model: &Path) -> Result<Vec<PathBuf>, Error> {
+fn write_truth(folder: &Path, example: &Example, vertices: &[Vec<DVec3>], model: &Path) -> Result<Vec<PathBuf>, Error> {
     std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
     let [gt, masks, meta, camera, still] =
         ["gt.npz", "masks.npz", "meta.json", "camera.json", "static.glb"].map(|name| folder.join(name));
     let rig = &example.asset.rig;
     let world: Vec<_> = example.motion.poses.iter().map(|p| rig.skeleton.world_from_joint(&p.locals)).collect();
-    let vertices: Vec<Vec<DVec3>> = world.iter().map(|w| rig.skinned(w)).collect();
     let joints: Vec<Vec<DVec3>> = world.iter().map(|w| w.iter().map(|j| j.translation).collect()).collect();
     let count = vertices[0].len();
     let array = |shape: &[usize], values| Array { shape: shape.to_vec(), values };
@@ -46,7 +47,7 @@ fn write_truth(folder: &Path, example: &Example, model: &Path) -> Result<Vec<Pat
         array(&[p.len(), p[0].len(), 3], Values::F32(p.iter().flatten().flat_map(|x| x.as_vec3().to_array()).collect()))
     };
     let arrays = vec![
-        ("verts_unique".into(), points(&vertices)),
+        ("verts_unique".into(), points(vertices)),
         ("vert_to_unique".into(), array(&[count], Values::U32((0..count as u32).collect()))),
         ("joint_pos".into(), points(&joints)),
         (
@@ -58,7 +59,7 @@ fn write_truth(folder: &Path, example: &Example, model: &Path) -> Result<Vec<Pat
         ),
     ];
     npz::write(&gt, &Archive { arrays })?;
-    npz::write(&masks, &Archive { arrays: views(example, &vertices) })?;
+    npz::write(&masks, &Archive { arrays: views(example, vertices) })?;
     // Nodes as the GLB numbers them: names are unique, so the reader finds the joints by name.
     let names: Vec<_> = rig.skeleton.joints.iter().map(|j| serde_json::json!({"name": j.name})).collect();
     let json = serde_json::json!({"joints": names, "parts": [{"name": "creature", "count": count}]}).to_string();

@@ -1,18 +1,21 @@
 //! The shipped example: a small creature, its rig, a motion and the video of that motion, all made by code.
 //!
 //! The surface is the zero set of blended primitives (one group per bone), meshed by surface nets, unwrapped into planar
-//! charts, painted as a function of rest position and skinned by closeness to the primitives. `animimic example -o DIR`
+//! charts, painted as a function of rest position and skinned by closeness to the primitives. Its tail is soft, and simulated. `animimic example -o DIR`
 //! writes the files under `examples/creature`; the fit sees the picture of the motion and never the motion.
 
 mod blend;
 mod body;
 mod dance;
 mod files;
+mod flesh;
 mod paint;
 mod surface_net;
 mod unwrap;
 
+pub use dance::{motion as trot, sway};
 pub use files::write;
+pub use flesh::{BODY_YOUNG, LOOSE, TAIL_YOUNG, moved, surfaces};
 
 use crate::Error;
 use crate::pictures::Studio;
@@ -62,20 +65,16 @@ pub fn creature() -> Example {
     Example { asset, motion, camera: camera() }
 }
 
-/// Draws the video's frames one after the other, in warm light from the upper left.
+/// Draws the video's frames, whose surfaces are given, one after the other, in warm light from the upper left.
 ///
 /// # Errors
 /// [`Error::Render`] never happens for the creature, which is sound.
-pub fn film(example: &Example) -> Result<impl Iterator<Item = Image> + '_, Error> {
+pub fn film<'a>(example: &'a Example, surfaces: &'a [Vec<DVec3>]) -> Result<impl Iterator<Item = Image> + 'a, Error> {
     const AMBIENT: f64 = 0.62;
     const KEY: f64 = 0.62;
     const TOWARDS_LIGHT: DVec3 = DVec3::new(-0.25, 0.85, 0.6);
     let studio = Studio::with_light(&example.asset, Light::ambient_and_key(AMBIENT, KEY, TOWARDS_LIGHT))?;
-    let rig = &example.asset.rig;
-    Ok(example.motion.poses.iter().map(move |pose| {
-        let x = rig.in_pose(pose);
-        studio.draw(&example.camera.main, &x, BACKGROUND).0
-    }))
+    Ok(surfaces.iter().map(move |x| studio.draw(&example.camera.main, x, BACKGROUND).0))
 }
 
 /// The input view from half right, and the held-out views 45° to either side.
@@ -129,8 +128,7 @@ mod tests {
     fn the_creature_stays_in_the_picture_and_moves_several_percent_of_its_size() {
         let e = creature();
         let (mut moved, mut n) = (0.0, 0);
-        for pose in &e.motion.poses {
-            let x = e.asset.rig.in_pose(pose);
+        for x in surfaces(&e).expect("a sound creature") {
             for (a, b) in x.iter().zip(&e.asset.mesh.positions) {
                 let p = e.camera.main.project(*a);
                 assert!(p.min_element() > 4.0 && p.max_element() < f64::from(SIZE_PX) - 4.0, "{p}");

@@ -52,15 +52,6 @@ pub(crate) fn soften(
 }
 
 impl Softened {
-    /// Goes back to skinning where a vertex's share of softness is less than 1.
-    pub fn blend(&mut self, share: &[f64]) {
-        self.soft.par_iter_mut().zip(&self.skinned).for_each(|(soft, skinned)| {
-            for ((x, s), share) in soft.iter_mut().zip(skinned).zip(share) {
-                *x = if *share == 0.0 { *s } else { s.lerp(*x, *share) };
-            }
-        });
-    }
-
     /// Gives way to skinning where the surface cuts itself more than that.
     pub fn uncross(&mut self, tissue: &Tissue) {
         self.yielded = Some(give_way(&tissue.asset.mesh, &self.skinned, &mut self.soft));

@@ -7,8 +7,10 @@ use crate::animate::motion::Scene;
 use crate::event::{Event, Progress, tell};
 use animimic_fit::FitError;
 use animimic_fit::soft::clusters::count;
-use animimic_fit::soft::learn::{Learnt, Verdict, Watched, Wish, judge, learn};
-use animimic_fit::soft::seen::energy;
+use animimic_fit::soft::learn::{self, Learnt, Watched, Wish, learn};
+use animimic_fit::soft::seen::energies;
+use animimic_fit::soft::together::{Turns, blend, together};
+use animimic_fit::soft::verdict::{Verdict, better, difference, judge, no_worse};
 use animimic_fit::soft::{Settings, Stepping, Tissue};
 use animimic_fit::stage1::solve::Stage;
 use animimic_fit::stage1::subject::Subject;
@@ -31,6 +33,8 @@ pub(crate) struct Ask {
     pub settings: Settings,
     /// Young's modulus that flesh is taken to have [Pa].
     pub young: f64,
+    /// Whether poses are solved again for the soft surface: not where the motion is given.
+    pub solve: bool,
 }
 
 /// What was made of a clip.
@@ -48,6 +52,9 @@ pub(crate) struct Outcome {
 /// Deviations below this share of the prior's are called learnt.
 const LEARNT: f64 = 0.5;
 
+/// Most turns of solving poses with all flesh soft, and with what the frames let be soft.
+const ROUNDS: [usize; 2] = [2, 3];
+
 /// Learns the material that the clips share and gives them soft tissue. Motions and videos are those of `solved`, the model or its
 /// stand-in; surfaces are those of `asset`. Returns what was made of each clip, and what was learnt of the material.
 pub(crate) fn refine(
@@ -62,43 +69,64 @@ pub(crate) fn refine(
     let inputs: Vec<Input> = filmed.iter().zip(&backgrounds).map(|(f, b)| f.scene.input(b)).collect();
     let lights: Vec<Light> = inputs.iter().map(|i| stage1::first_light(i, &subject)).collect::<Result<_, _>>()?;
     let settings = stage1::Settings::default;
-    let stages: Vec<Stage> =
+    let mut stages: Vec<Stage> =
         inputs.iter().zip(&lights).map(|(i, l)| stage1::stage(i, &subject, l, settings())).collect();
     let watched: Vec<Watched> = (filmed.iter().zip(&stages))
         .map(|(f, stage)| Watched { stage, poses: &f.motion.poses, fps: f.motion.fps })
         .collect();
     tell(progress, Event::Stage { name: "stiffness" })?;
     let wish = Wish { young: ask.young, poisson: POISSON, density: DENSITY, ..Wish::default() };
-    let mut go_on = |done: f64| tell(progress, Event::Step { done, loss: None }).map_err(|_| FitError::Stopped);
-    let learnt = learn(solved, &ask.settings, &wish, &watched, &mut go_on)?;
+    let learnt = {
+        let mut go_on = |done: f64| tell(progress, Event::Step { done, loss: None }).map_err(|_| FitError::Stopped);
+        learn(solved, &ask.settings, &wish, &watched, &mut go_on)?
+    };
     tell(progress, Event::Stage { name: "soft tissue" })?;
     let tissue = Tissue::new(solved, &learnt.settings)?;
     let dense = if std::ptr::eq(asset, solved) { None } else { Some(Tissue::new(asset, &learnt.settings)?) };
-    let clips = filmed.iter().zip(&stages).map(|(f, stage)| clip(&tissue, dense.as_ref(), &learnt, stage, f.motion));
+    let tissues = (&tissue, dense.as_ref());
+    let clips = filmed.iter().zip(&mut stages).map(|(f, s)| clip(tissues, &learnt, s, f.motion, ask.solve, progress));
     Ok((clips.collect::<Result<_, _>>()?, material(solved, &learnt)))
 }
 
 fn clip(
-    tissue: &Tissue,
-    dense: Option<&Tissue>,
+    (tissue, dense): (&Tissue, Option<&Tissue>),
     learnt: &Learnt,
-    stage: &Stage,
+    stage: &mut Stage,
     motion: &Motion,
+    solve: bool,
+    progress: &mut Progress,
 ) -> Result<Outcome, Error> {
-    let simulate = |tissue: &Tissue| body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), motion);
-    let mut softened = simulate(tissue)?;
-    let verdict = judge(tissue.asset, &learnt.groups, stage, &softened.skinned, &softened.soft);
-    let mut shown = softened.soft.clone();
-    let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| soft <= skinned).collect();
-    softened.blend(&shares(tissue.asset, learnt, &soft));
-    softened.uncross(tissue);
-    let last = energy(stage, &softened.soft);
-    let kept = soft.contains(&true) && last <= verdict.energies[0];
+    let mut go_on = || tell(progress, Event::Step { done: 1.0, loss: None }).map_err(|_| FitError::Stopped);
+    let (asset, material) = (tissue.asset, learnt.elasticity(tissue));
+    let mut turn = |stage: &mut Stage, share: &[f64], rounds: usize, polish: bool| {
+        let turns = Turns { share, rounds: if solve { rounds } else { 0 }, polish };
+        together(tissue, &material, stage, (&motion.poses, motion.fps), turns, &mut go_on)
+    };
+    // All of it soft first: which groups the frames then explain by it; then poses for those soft and the others skinned.
+    let first = turn(stage, &vec![1.0; asset.mesh.positions.len()], ROUNDS[0], false)?;
+    let skinned = learn::skinned(asset, &motion.poses);
+    let mut verdict = judge(asset, &learnt.groups, stage, &skinned, &first.surfaces);
+    let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| no_worse(skinned, soft)).collect();
+    let asked = soft.contains(&true);
+    let last = if asked { turn(stage, &shares(asset, learnt, &soft), ROUNDS[1], true)? } else { first.clone() };
+    let posed = Motion { poses: last.poses.clone(), ..motion.clone() };
+    let made = |tissue: &Tissue, share: bool| -> Result<(Softened, Vec<Vec<DVec3>>), Error> {
+        let mut made = body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), &posed)?;
+        let all = made.soft.clone();
+        if share {
+            blend(&made.skinned, &mut made.soft, &shares(tissue.asset, learnt, &soft));
+        }
+        // What the result is held against is stage 1's own surface, and its keys are the clip's.
+        made.skinned = learn::skinned(tissue.asset, &motion.poses);
+        made.motion = motion.clone();
+        made.uncross(tissue);
+        Ok((made, all))
+    };
+    let (mut softened, mut shown) = made(tissue, asked)?;
+    verdict.frames[1] = energies(stage, &softened.soft);
+    let kept = asked && better(&verdict.frames[0], &verdict.frames[1]);
     if let Some(dense) = dense {
-        softened = simulate(dense)?;
-        shown.clone_from(&softened.soft);
-        softened.blend(&shares(dense.asset, learnt, &soft));
-        softened.uncross(dense);
+        (softened, shown) = made(dense, asked)?;
     }
     let mut report = softened.to_json(dense.unwrap_or(tissue).asset.mesh.diagonal());
     if kept {
@@ -106,25 +134,32 @@ fn clip(
     } else {
         softened.soft.clone_from(&softened.skinned);
     }
-    words(&mut report, tissue.asset, learnt, &verdict, &soft, (last, kept));
+    report["energy_rounds_soft"] = first.energies.into();
+    report["energy_rounds"] = last.energies.into();
+    words(&mut report, asset, learnt, &verdict, &soft, kept);
     Ok(Outcome { softened, shown, kept, report })
 }
 
 /// What the frames said, beside what the simulation did.
-fn words(report: &mut Value, asset: &Asset, learnt: &Learnt, verdict: &Verdict, soft: &[bool], end: (f64, bool)) {
-    let (last, kept) = end;
+fn words(report: &mut Value, asset: &Asset, learnt: &Learnt, verdict: &Verdict, soft: &[bool], kept: bool) {
     let name = |g: usize| asset.rig.skeleton.joints[learnt.groups.joints[g]].name.clone();
     let held: Vec<String> = (0..soft.len()).filter(|&g| !soft[g]).map(name).collect();
-    let change = 100.0 * (last / verdict.energies[0].max(f64::MIN_POSITIVE) - 1.0);
+    let [skinned, last] = &verdict.frames;
+    let [before, after] = [skinned, last].map(|frames| frames.iter().sum::<f64>());
+    let percent = |per_frame: f64| 100.0 * per_frame * last.len() as f64 / before.max(f64::MIN_POSITIVE);
+    let [change, noise] = difference(skinned, last).map(percent);
     report["kept"] = kept.into();
-    report["energy_skinned"] = verdict.energies[0].into();
-    report["energy_soft"] = verdict.energies[1].into();
-    report["energy"] = if kept { last } else { verdict.energies[0] }.into();
+    report["energy_skinned"] = before.into();
+    report["energy_soft"] = after.into();
+    report["energy_change_percent"] = change.into();
+    report["energy_change_error_percent"] = noise.into();
     report["skinned_by_evidence"] = held.into();
-    report["verdict"] = match (kept, soft.contains(&true)) {
-        (true, _) => format!("soft: the frames are explained better, by {:.1} % of the energy", -change),
-        (false, true) => format!("skinned: soft, the frames would be explained worse, by {change:.1} % of the energy"),
-        (false, false) => "skinned: the frames speak against softness everywhere".into(),
+    report["verdict"] = if kept {
+        format!("soft: the frames are explained better, by {:.1} ± {noise:.1} % of the energy", -change)
+    } else if soft.contains(&true) {
+        format!("skinned: soft, the frames are explained no better ({change:+.1} ± {noise:.1} % of the energy)")
+    } else {
+        "skinned: the frames speak against softness everywhere".into()
     }
     .into();
 }

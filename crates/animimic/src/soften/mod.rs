@@ -146,7 +146,7 @@ fn learnt(
     let stiffness = job.softness.iter().rfind(|s| s.material.is_none()).map_or(PRESETS[0].1, |s| s.young);
     let settings = settings(asset, job.tets, job.size_m, &job.loose)?;
     let takes = [filmed::Filmed { scene, motion: &motion }];
-    let ask = filmed::Ask { settings, young: stiffness };
+    let ask = filmed::Ask { settings, young: stiffness, solve: false };
     let (mut outcomes, material) = filmed::refine(asset, model.solved, &takes, &ask, progress)?;
     let filmed::Outcome { softened, mut report, .. } = outcomes.pop().expect("one clip went in");
     report["material"] = material;

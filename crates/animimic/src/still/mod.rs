@@ -76,6 +76,18 @@ impl Drawn {
     }
 }
 
+/// The size of a still where none was asked for: that of the camera's file, else `usual` [px].
+///
+/// # Errors
+/// A camera file that cannot be read.
+pub fn size_px(camera: &CameraChoice, asked: Option<[u32; 2]>, usual: [u32; 2]) -> Result<[u32; 2], Error> {
+    match (asked, camera) {
+        (Some(size), _) => Ok(size),
+        (None, CameraChoice::File(path)) => camera::read(path).map(|f| [f.main.width, f.main.height]),
+        _ => Ok(usual),
+    }
+}
+
 /// Draws the still and writes `NAME.png` and `NAME.camera.json`.
 ///
 /// # Errors

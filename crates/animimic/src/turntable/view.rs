@@ -3,7 +3,7 @@
 use super::Shoot;
 use crate::Error;
 use crate::camera::{self, CameraChoice};
-use animimic_scene::{Asset, Camera, io};
+use animimic_scene::{Asset, Camera};
 use glam::DVec3;
 
 /// A view to draw.
@@ -93,7 +93,7 @@ fn placed(choice: &CameraChoice, asset: &Asset, width: u32, height: u32) -> Resu
         CameraChoice::Preset(name) => Ok((camera::preset(name, (low, high), width, height)?, center)),
         CameraChoice::Auto => Ok((crate::still::best_view(asset, &asset.mesh.positions, width, height)?.0, center)),
         CameraChoice::File(path) => {
-            let file = io::camera_json::read(path)?;
+            let file = camera::read(path)?;
             let shape = f64::from(file.main.width) / f64::from(file.main.height);
             let width = (shape * f64::from(height)).round().max(1.0) as u32;
             Ok((file.main.resized(width, height), file.target.unwrap_or(center)))

@@ -5,7 +5,6 @@
 
 use super::clusters::Groups;
 use super::estimate::{Clip, Estimate, Problem};
-use super::evidence::Evidence;
 use super::loosen;
 use super::seen::Seen;
 use super::{Settings, Stepping, Tissue};
@@ -75,8 +74,9 @@ pub struct Learnt {
 
 /// Most groups of flesh.
 const GROUPS: usize = 16;
-/// Most tets that stiffness is learnt on.
-const TETS: usize = 1500;
+/// Most tets that stiffness is learnt on, in all rounds but the last and in that: a lattice is stiffer the coarser it is, so the last
+/// should be as fine as the body that will have this stiffness.
+const TETS: [usize; 2] = [1500, 3000];
 
 /// Learns the material of a model from videos.
 ///
@@ -91,11 +91,10 @@ pub fn learn(
 ) -> Result<Learnt, FitError> {
     let mut surfaces: Vec<Vec<Vec<DVec3>>> = watched.iter().map(|w| skinned(asset, w.poses)).collect();
     let rounds = wish.rounds.max(1);
-    let mut made = Settings { tets: settings.tets.min(TETS), ..settings.clone() };
-    let cage = cage(&asset.mesh, made.tets)?;
-    let mut tissue = Tissue::with_cage(asset, cage.clone(), &made)?;
+    let mut made = Settings { tets: settings.tets.min(TETS[0]), ..settings.clone() };
+    let mut lattice = cage(&asset.mesh, made.tets)?;
+    let mut tissue = Tissue::with_cage(asset, lattice.clone(), &made)?;
     let groups = Groups::new(&tissue, GROUPS);
-    let prior = material(&groups, &tissue, &vec![wish.young.ln(); groups.parents.len()], wish);
     let deviations = vec![wish.deviation; groups.parents.len()];
     let mut found: Option<Estimate> = None;
     let mut first = None;
@@ -107,10 +106,19 @@ pub fn learn(
         if wish.loosen && (round == 0 || made.loose.len() > settings.loose.len()) {
             let looser = loosen::loose(asset, &made, &clips, (wish.poisson, wish.density))?;
             if (&looser.loose, looser.held_roots) != (&made.loose, made.held_roots) {
-                tissue = Tissue::with_cage(asset, cage.clone(), &looser)?;
+                tissue = Tissue::with_cage(asset, lattice.clone(), &looser)?;
                 (made, found) = (looser, None);
             }
         }
+        if round + 1 == rounds && settings.tets > made.tets {
+            made.tets = settings.tets.min(TETS[1]);
+            lattice = cage(&asset.mesh, made.tets)?;
+            tissue = Tissue::with_cage(asset, lattice.clone(), &made)?;
+            // The same moduli, by the tets of the finer cage.
+            found =
+                found.map(|f| Estimate { elasticity: material(&groups, &tissue, &f.elasticity.ln_youngs, wish), ..f });
+        }
+        let prior = material(&groups, &tissue, &vec![wish.young.ln(); groups.parents.len()], wish);
         go_on((round as f64 + 0.4) / rounds as f64)?;
         let problem = Problem {
             tissue: &tissue,
@@ -124,7 +132,8 @@ pub fn learn(
         let next = problem.fit(&prior, found.as_ref(), wish.steps)?;
         first = first.or(Some(next.energies[0]));
         if round + 1 < rounds {
-            surfaces = watched.iter().map(|w| simulated(&tissue, &next.elasticity, w)).collect::<Result<_, _>>()?;
+            let simulated = |w: &Watched| simulated(&tissue, &next.elasticity, &Stepping::default(), w.poses, w.fps);
+            surfaces = watched.iter().map(simulated).collect::<Result<_, _>>()?;
         }
         found = Some(next);
     }
@@ -170,38 +179,16 @@ pub fn skinned(asset: &Asset, poses: &[Pose]) -> Vec<Vec<DVec3>> {
     poses.par_iter().map(|p| asset.rig.in_pose(p)).collect()
 }
 
-fn simulated(tissue: &Tissue, material: &Elasticity, watched: &Watched) -> Result<Vec<Vec<DVec3>>, FitError> {
-    let simulated = tissue.simulate(material, &Stepping::default(), watched.poses, watched.fps)?;
+/// Soft surfaces of a motion \[frame\]\[vertex\].
+pub(super) fn simulated(
+    tissue: &Tissue,
+    material: &Elasticity,
+    stepping: &Stepping,
+    poses: &[Pose],
+    fps: f64,
+) -> Result<Vec<Vec<DVec3>>, FitError> {
+    let simulated = tissue.simulate(material, stepping, poses, fps)?;
     let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
-    let frames = cages.par_iter().zip(watched.poses);
+    let frames = cages.par_iter().zip(poses);
     Ok(frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect())
-}
-
-/// What the frames say of a soft surface against the skinned one.
-#[derive(Clone, Debug)]
-pub struct Verdict {
-    /// Energy of the skinned and of the soft surface, each looked for anew.
-    pub energies: [f64; 2],
-    /// The same by group of flesh, residuals alone.
-    pub by_group: Vec<[f64; 2]>,
-}
-
-/// Compares both surfaces \[frame\]\[vertex\] with a video.
-pub fn judge(asset: &Asset, groups: &Groups, stage: &Stage, skinned: &[Vec<DVec3>], soft: &[Vec<DVec3>]) -> Verdict {
-    let main = |v: usize| {
-        let most = asset.rig.skin.influences[v].iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
-        most.map_or(0, |i| groups.of_joint[asset.rig.skin.slots[i.slot as usize].joint] as usize)
-    };
-    let mut by_group = vec![[0.0; 2]; groups.parents.len()];
-    let mut energies = [0.0; 2];
-    for (k, surfaces) in [skinned, soft].into_iter().enumerate() {
-        let seen = Seen::new(stage, surfaces, stage.settings.reach_px.1);
-        energies[k] = seen.energy(surfaces);
-        for (t, surface) in surfaces.iter().enumerate() {
-            for r in seen.residuals(t, surface) {
-                by_group[main(r.gradient[0].0 as usize)][k] += r.energy();
-            }
-        }
-    }
-    Verdict { energies, by_group }
 }

@@ -1,7 +1,7 @@
 //! Which chains of joints are loose, by evidence: a tail that no muscle moves is explained better by inertia than by its joints.
 //!
 //! Each chain that ends in a tip is tried: it holds nothing, what hangs on it follows by inertia at a few stiffnesses, and it stays
-//! loose where that brings the evidence's energy clearly below what its held joints leave.
+//! loose where that brings the evidence's energy clearly below what its held joints leave, at the best of the same stiffnesses.
 
 use super::bones::live;
 use super::clusters::by_joint;
@@ -64,13 +64,19 @@ pub fn loose(asset: &Asset, settings: &Settings, clips: &[Clip], solid: (f64, f6
         if chain.iter().all(|j| best.loose.contains(j)) {
             continue;
         }
+        let loose_parts = parts.len();
         let loose = best.loose.iter().copied().chain(chain.iter().copied()).collect();
         let more = Settings { loose, ..best.clone() };
-        let with = trial(&tissue(&more)?, &mut parts, Part { joints: chain, ln_young: YOUNG.ln() }, clips, solid)?;
-        if with < CLEARLY * least {
+        let part = || Part { joints: chain.clone(), ln_young: YOUNG.ln() };
+        let with = trial(&tissue(&more)?, &mut parts, part(), clips, solid)?;
+        let loosened = parts.pop();
+        // Held, the chain may have another stiffness too.
+        if with < CLEARLY * least && with < CLEARLY * trial(&tissue(&best)?, &mut parts, part(), clips, solid)? {
+            parts.pop();
+            parts.extend(loosened);
             (best, least) = (more, with);
         } else {
-            parts.pop();
+            parts.truncate(loose_parts);
         }
     }
     if !best.loose.is_empty() {

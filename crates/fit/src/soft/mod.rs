@@ -18,6 +18,8 @@ pub mod motion;
 mod normal;
 pub mod seen;
 pub mod surface;
+pub mod together;
+pub mod verdict;
 pub mod weights;
 
 use crate::FitError;

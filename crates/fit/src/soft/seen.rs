@@ -61,19 +61,18 @@ impl<'a> Seen<'a> {
         }
     }
 
-    /// Energy of surfaces \[frame\]\[vertex\].
-    pub fn energy(&self, surfaces: &[Vec<DVec3>]) -> f64 {
+    /// Energy of each frame of surfaces \[frame\]\[vertex\].
+    pub fn energies(&self, surfaces: &[Vec<DVec3>]) -> Vec<f64> {
         let one = |(t, x): (usize, &Vec<DVec3>)| -> f64 {
             self.residuals(t, x).iter().map(Residual::energy).sum::<f64>() + self.rendered(t, x, false).0
         };
-        let each: Vec<f64> = surfaces.par_iter().enumerate().map(one).collect();
-        each.iter().sum()
+        surfaces.par_iter().enumerate().map(one).collect()
     }
 }
 
-/// How unlike the video surfaces \[frame\]\[vertex\] are, by stage 1's terms: looked for anew where they are.
-pub fn energy(stage: &Stage, surfaces: &[Vec<DVec3>]) -> f64 {
-    Seen::new(stage, surfaces, stage.settings.reach_px.1).energy(surfaces)
+/// How unlike each frame of the video surfaces \[frame\]\[vertex\] are, by stage 1's terms: looked for anew where they are.
+pub fn energies(stage: &Stage, surfaces: &[Vec<DVec3>]) -> Vec<f64> {
+    Seen::new(stage, surfaces, stage.settings.reach_px.1).energies(surfaces)
 }
 
 fn targets(stage: &Stage, sight: &Sight, t: usize, reach_px: f64) -> Vec<Target> {

@@ -26,12 +26,6 @@ const GLANCES: usize = 5;
 const HOPELESS: f64 = 1.35;
 /// Flips solved, at most.
 const MOST_TRIALS: usize = 12;
-/// Rounds of drawing and solving per trial.
-const TRIAL_ROUNDS: usize = 2;
-/// A flip must look better by this factor to be kept.
-const CLEARLY: f64 = 0.98;
-/// Frames solved after a stretch, so that the motion goes on smoothly.
-const AFTER: usize = 2;
 
 /// Some bones of a limb, mirrored over a stretch of frames.
 #[derive(Clone, Debug)]
@@ -53,16 +47,7 @@ impl Stage<'_> {
             }
             let mut trial = poses.to_vec();
             flip.frames.clone().for_each(|t| trial[t] = self.flipped(&poses[t], &flip));
-            let active = flip.frames.start..(flip.frames.end + AFTER).min(poses.len());
-            for _ in 0..TRIAL_ROUNDS {
-                let found = self.correspond_all(&trial, active.clone());
-                self.solve(&mut trial[..active.end], active.clone(), &found, self.final_strength(), 8);
-            }
-            let there: Vec<f64> = active.clone().into_par_iter().map(|t| self.mismatch(&trial[t], t)).collect();
-            let here = &mut mismatches[active];
-            if there.iter().sum::<f64>() < CLEARLY * here.iter().sum::<f64>() {
-                here.copy_from_slice(&there);
-                poses.clone_from_slice(&trial);
+            if self.try_out(trial, flip.frames.clone(), poses, &mut mismatches) {
                 kept.push(flip);
             }
         }

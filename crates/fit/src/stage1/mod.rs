@@ -5,7 +5,8 @@
 //!    drawn points are in the frame, solve for the pose (Levenberg–Marquardt on SO(3)ᴶ), draw again; several hypotheses are
 //!    carried on where limbs may be taken for each other.
 //! 3. All frames together ([`Stage::refine`]), coupled by smoothness over time; priors step back round by round.
-//! 4. Limbs that may lean the other way are mirrored where the frames then look better ([`flips`]).
+//! 4. Where frames look wrong, poses from elsewhere in the clip are tried ([`repeats`]), and limbs that may lean the other way are
+//!    mirrored ([`flips`]); what looks better is kept.
 //! 5. All frames together at full strength, each point as smooth as itself ([`Stage::finish`], [`liveliness`]).
 //! 6. The polish ([`polish`]): all terms with rendered colour and silhouette.
 //! 7. How well each part is known ([`certainty`]).
@@ -18,10 +19,12 @@ pub mod balls;
 pub mod certainty;
 pub mod contour;
 pub mod correspond;
+pub mod flesh;
 pub mod flips;
 pub mod given;
 pub mod liveliness;
 pub mod polish;
+pub mod repeats;
 pub mod search;
 pub mod settings;
 pub mod sight;
@@ -29,6 +32,7 @@ pub mod solve;
 pub mod steps;
 pub mod subject;
 pub mod track;
+mod trials;
 
 use crate::FitError;
 use animimic_render::{Light, rasterize_surface, solve_light};
@@ -149,6 +153,10 @@ pub fn fit(
     let half = rounds / 2;
     finish(&mut steps, &mut frames, 0..half, (FINISH_AT, FLIPS_AT), progress)?;
     go_on(progress, Phase::Flip, FLIPS_AT)?;
+    steps.take("repeats", &mut frames, |poses| {
+        stage.repeat(poses);
+        Vec::new()
+    })?;
     steps.take("flips", &mut frames, |poses| {
         stage.flip_limbs(poses);
         Vec::new()
@@ -286,5 +294,16 @@ pub fn stage<'a>(input: &Input<'a>, subject: &'a Subject<'a>, light: &'a Light, 
     let usual_mismatch = mismatch(&first, frames[0].image, frames[0].mask);
     let given = Given::new(input.tracks, input.depth, input.depth_kind, subject, input.camera, &first);
     let not_finite = AtomicUsize::new(0);
-    Stage { subject, studio, frames, flow: input.flow, given, settings, contour_bias_px, usual_mismatch, not_finite }
+    Stage {
+        subject,
+        studio,
+        frames,
+        flow: input.flow,
+        given,
+        settings,
+        contour_bias_px,
+        usual_mismatch,
+        not_finite,
+        flesh: None,
+    }
 }

@@ -56,6 +56,7 @@ impl Stage<'_> {
             let combined = Combined {
                 problem,
                 model: self.model(),
+                flesh: self.flesh.as_ref(),
                 losses: &losses,
                 observed: &observed,
                 lights: &lights,

@@ -72,7 +72,12 @@ pub struct Point {
 impl Point {
     /// How it moves with the skin.
     pub fn anchor(&self, subject: &Subject) -> Anchor {
-        Anchor::blend(self.corners.map(|v| &subject.vertices[v as usize]), self.weights)
+        self.anchor_of(&subject.vertices)
+    }
+
+    /// How it moves with the anchors of all vertices.
+    pub fn anchor_of(&self, vertices: &[Anchor]) -> Anchor {
+        Anchor::blend(self.corners.map(|v| &vertices[v as usize]), self.weights)
     }
 
     /// Where it is on a surface.

@@ -1,6 +1,7 @@
 //! Draw the model where it is believed to be, see where its points went, move it there: one frame, or all together.
 
 use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
+use super::flesh::Flesh;
 use super::given::Given;
 use super::search::mismatch;
 use super::settings::Settings;
@@ -36,12 +37,18 @@ pub struct Stage<'a> {
     pub usual_mismatch: f64,
     /// Trials so far whose energy was not a number; they were taken back.
     pub not_finite: AtomicUsize,
+    /// How the surface is off the skin, where it has soft tissue already.
+    pub flesh: Option<Flesh>,
 }
 
 impl Stage<'_> {
     /// Draws a pose over the background of a frame.
     pub fn draw(&self, pose: &FramePose, frame: usize) -> Sight {
-        Sight::draw(self.subject, &self.studio, self.frames[frame].background, pose)
+        let background = self.frames[frame].background;
+        let Some(flesh) = &self.flesh else { return Sight::draw(self.subject, &self.studio, background, pose) };
+        let posed = self.subject.posed(pose);
+        let surface = flesh.anchors(frame).iter().map(|a| a.position(&posed)).collect();
+        Sight::draw_surface(self.subject, &self.studio, background, posed, surface)
     }
 
     /// Draws a pose and finds its correspondences in a frame.
@@ -57,6 +64,10 @@ impl Stage<'_> {
         }
         self.given.add_depth(self.studio.camera, frame, &mut found);
         by_contour(self.subject, sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
+        if let Some(flesh) = &self.flesh {
+            let vertices = flesh.anchors(frame);
+            found.anchors = found.points.iter().map(|p| p.anchor_of(&vertices)).collect();
+        }
         found
     }
 

@@ -154,7 +154,7 @@ impl Stage<'_> {
     }
 
     /// How far two poses are apart [rest diagonal, root mean square over vertices].
-    fn pose_distance(&self, a: &FramePose, b: &FramePose) -> f64 {
+    pub(super) fn pose_distance(&self, a: &FramePose, b: &FramePose) -> f64 {
         let (a, b) = (self.subject.posed(a), self.subject.posed(b));
         let sum: f64 = self.subject.pseudo.iter().map(|p| p.position(&a).distance_squared(p.position(&b))).sum();
         sum.sqrt() / self.subject.diagonal

@@ -75,7 +75,8 @@ impl Scale {
 fn mapped(share: f32) -> [f32; 3] {
     let at = share * (MAP.len() - 1) as f32;
     let k = (at as usize).min(MAP.len() - 2);
-    std::array::from_fn(|c| MAP[k][c] + (at - k as f32) * (MAP[k + 1][c] - MAP[k][c]))
+    let t = at - k as f32;
+    std::array::from_fn(|c| (1.0 - t) * MAP[k][c] + t * MAP[k + 1][c])
 }
 
 /// The scale as a bar at the lower left, with its decades.

@@ -1,0 +1,101 @@
+//! Poses and tissue together, block by block.
+//!
+//! Stage 1's poses explain the frames by skinning alone, so a simulation driven by them explains them worse. In turn, the motion
+//! is simulated, what the soft surface adds to skinning is held fixed in the bones' frames ([`Flesh`]), and the poses are
+//! solved again for the surface so made, with the last rounds of stage 1: its correspondences, outlines, rendered terms and priors.
+//! Joints that are loose are seen by nothing then, and priors and smoothness have them. Where flesh is not soft the surface is the skinned
+//! one. The round that explains the frames best is the result.
+
+use super::learn::{simulated, skinned};
+use super::seen::energies;
+use super::{Stepping, Tissue};
+use crate::FitError;
+use crate::stage1::flesh::Flesh;
+use crate::stage1::solve::Stage;
+use animimic_rig::FramePose;
+use animimic_scene::Pose;
+use animimic_sim::Elasticity;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// A motion whose soft surface explains the frames.
+#[derive(Clone, Debug)]
+pub struct Together {
+    /// Poses \[frame\].
+    pub poses: Vec<Pose>,
+    /// The surface \[frame\]\[vertex\].
+    pub surfaces: Vec<Vec<DVec3>>,
+    /// Energy of the surface before, and after each round.
+    pub energies: Vec<f64>,
+}
+
+/// How poses are solved for a soft surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Turns<'a> {
+    /// Share of softness of each vertex: the rest is skinned.
+    pub share: &'a [f64],
+    /// Most turns.
+    pub rounds: usize,
+    /// Whether rendered terms count too, in all turns but the first: they take several times as long.
+    pub polish: bool,
+}
+
+/// A round that lowers the energy by less than this share is the last.
+const SETTLED: f64 = 0.02;
+
+/// Solves the poses of a clip, given at some frames per second, for its soft surface; `go_on` is asked before each turn.
+///
+/// # Errors
+/// As [`Tissue::simulate`]; a stop, which `go_on` asks for.
+pub fn together(
+    tissue: &Tissue,
+    material: &Elasticity,
+    stage: &mut Stage,
+    (poses, fps): (&[Pose], f64),
+    turns: Turns,
+    go_on: &mut dyn FnMut() -> Result<(), FitError>,
+) -> Result<Together, FitError> {
+    let subject = stage.subject;
+    let rig = &tissue.asset.rig;
+    let loose: Vec<usize> = (0..rig.skeleton.joints.len()).filter(|&j| tissue.carrier[j] != j).collect();
+    let surface = |poses: &[Pose]| -> Result<Vec<Vec<DVec3>>, FitError> {
+        let mut soft = simulated(tissue, material, &Stepping::default(), poses, fps)?;
+        blend(&skinned(tissue.asset, poses), &mut soft, turns.share);
+        Ok(soft)
+    };
+    let mut surfaces = surface(poses)?;
+    let mut least: f64 = energies(stage, &surfaces).iter().sum();
+    let mut best = Together { poses: poses.to_vec(), surfaces: surfaces.clone(), energies: vec![least] };
+    let mut frames: Vec<FramePose> = poses.iter().map(|p| subject.tree.frame(rig, p)).collect();
+    for round in 0..turns.rounds {
+        go_on()?;
+        stage.flesh = Some(Flesh::new(subject, &loose, &frames, &surfaces));
+        stage.finish(&mut frames);
+        if turns.polish && round > 0 {
+            stage.polish(&mut frames);
+        }
+        stage.flesh = None;
+        let solved: Vec<Pose> = frames.iter().map(|f| subject.file_pose(f)).collect();
+        surfaces = surface(&solved)?;
+        let energy: f64 = energies(stage, &surfaces).iter().sum();
+        best.energies.push(energy);
+        let gain = 1.0 - energy / least;
+        if gain > 0.0 {
+            least = energy;
+            (best.poses, best.surfaces) = (solved, surfaces.clone());
+        }
+        if round > 0 && gain < SETTLED {
+            break;
+        }
+    }
+    Ok(best)
+}
+
+/// Brings `soft` \[frame\]\[vertex\] back to `skinned` where a vertex's share of softness is less than 1.
+pub fn blend(skinned: &[Vec<DVec3>], soft: &mut [Vec<DVec3>], share: &[f64]) {
+    soft.par_iter_mut().zip(skinned).for_each(|(soft, skinned)| {
+        for ((x, s), share) in soft.iter_mut().zip(skinned).zip(share) {
+            *x = if *share == 0.0 { *s } else { s.lerp(*x, *share) };
+        }
+    });
+}
