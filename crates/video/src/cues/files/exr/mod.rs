@@ -1,6 +1,6 @@
 //! Depth in OpenEXR files (openexr.com, "File Layout"): scan lines, uncompressed or with RLE, ZIPS or ZIP, one part or several.
 //!
-//! The format's crate would bring its own features of the number crunching below `faer`, and with them other last bits of all results.
+//! Depth comes in few of the many forms that the format knows, and its crate brings a thread pool and features of shared crates for the rest.
 
 mod header;
 mod pixels;
