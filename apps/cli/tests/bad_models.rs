@@ -121,12 +121,13 @@ fn cycles_are_refused_and_a_chain_of_30_000_nodes_is_walked() {
     nodes.extend((0..30_000).map(|i| json!({ "children": [first + i + 1] })));
     nodes.push(json!({ "mesh": 0 }));
     nodes[1]["children"].as_array_mut().unwrap().push(json!(first));
+    let joints = format!("{} joints", deep.json["nodes"].as_array().unwrap().len() - 1);
     let model = bench.put("deep.glb", &deep.glb());
     for command in ["animate", "fit"] {
         let out = bench.out(if command == "fit" { "clip.glb" } else { "folder" });
         bench.refuses(
             &[command, &model, &example("creature.mp4"), "--camera", &example("camera.json"), "-o", &out, "-q"],
-            &["deep.glb", "30026 joints"],
+            &["deep.glb", &joints],
         );
     }
     bench.does(&["render", &model, "-o", &bench.out("deep.png"), "--height", "96"], &[]);

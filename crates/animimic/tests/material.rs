@@ -166,7 +166,7 @@ fn poses_solved_for_the_soft_surface_explain_the_frames_as_skinning_does_and_are
         let poses: Vec<_> = frames.iter().map(|f| subject.file_pose(f)).collect();
         let by_skinning: f64 = energies(stage, &skinned(&asset, &poses)).iter().sum();
         let share = vec![1.0; asset.mesh.positions.len()];
-        let turns = Turns { share: &share, rounds: 3, polish: true };
+        let turns = Turns { share: &share, rounds: 3, polish: true, rival: f64::INFINITY };
         let found = together(&tissue, &soft, stage, (&poses, FPS), turns, &mut || Ok(())).unwrap();
         let off = |surfaces: &[Vec<DVec3>]| {
             let pairs = surfaces.iter().flatten().zip(real.iter().flatten());

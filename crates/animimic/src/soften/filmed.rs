@@ -98,13 +98,14 @@ fn clip(
 ) -> Result<Outcome, Error> {
     let mut go_on = || tell(progress, Event::Step { done: 1.0, loss: None }).map_err(|_| FitError::Stopped);
     let (asset, material) = (tissue.asset, learnt.elasticity(tissue));
+    let skinned = learn::skinned(asset, &motion.poses);
+    let rival: f64 = energies(stage, &skinned).iter().sum();
     let mut turn = |stage: &mut Stage, share: &[f64], rounds: usize, polish: bool| {
-        let turns = Turns { share, rounds: if solve { rounds } else { 0 }, polish };
+        let turns = Turns { share, rounds: if solve { rounds } else { 0 }, polish, rival };
         together(tissue, &material, stage, (&motion.poses, motion.fps), turns, &mut go_on)
     };
     // All of it soft first: which groups the frames then explain by it; then poses for those soft and the others skinned.
     let first = turn(stage, &vec![1.0; asset.mesh.positions.len()], ROUNDS[0], false)?;
-    let skinned = learn::skinned(asset, &motion.poses);
     let mut verdict = judge(asset, &learnt.groups, stage, &skinned, &first.surfaces);
     let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| no_worse(skinned, soft)).collect();
     let asked = soft.contains(&true);

@@ -38,10 +38,14 @@ pub struct Turns<'a> {
     pub rounds: usize,
     /// Whether rendered terms count too, in all turns but the first: they take several times as long.
     pub polish: bool,
+    /// Energy that the result has to compete with.
+    pub rival: f64,
 }
 
 /// A round that lowers the energy by less than this share is the last.
 const SETTLED: f64 = 0.02;
+/// So many times the rival's energy before rendered terms count will not come down to it: they take off a tenth or so.
+const HOPELESS: f64 = 1.15;
 
 /// Solves the poses of a clip, given at some frames per second, for its soft surface; `go_on` is asked before each turn.
 ///
@@ -84,7 +88,8 @@ pub fn together(
             least = energy;
             (best.poses, best.surfaces) = (solved, surfaces.clone());
         }
-        if round > 0 && gain < SETTLED {
+        let hopeless = turns.polish && round == 0 && least > HOPELESS * turns.rival;
+        if hopeless || round > 0 && gain < SETTLED {
             break;
         }
     }
