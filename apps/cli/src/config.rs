@@ -4,6 +4,7 @@
 //! drift apart: `height = 256` is `--height 256`, a list repeats its option, `true` is the bare option. What `clap` knows of an
 //! option tells which values are paths: those are taken from the file's own folder.
 
+use animimic::cues::SCHEME;
 use anyhow::{Context, bail};
 use clap::builder::ValueHint;
 use clap::parser::ValueSource;
@@ -12,8 +13,6 @@ use std::ffi::OsString;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// What stands before the path of a network.
-const NETWORK: &str = "onnx:";
 /// Largest file that is read [bytes].
 const MAX_BYTES: u64 = 16 << 20;
 
@@ -111,7 +110,7 @@ fn texts(option: &Arg, value: &Value, folder: &Path) -> anyhow::Result<Vec<OsStr
 
 /// A path from the folder of the file that names it; `onnx:` before a path stays before it.
 fn in_folder(folder: &Path, text: &str) -> OsString {
-    let (kind, path) = text.split_at(text.strip_prefix(NETWORK).map_or(0, |_| NETWORK.len()));
+    let (kind, path) = text.split_at(text.strip_prefix(SCHEME).map_or(0, |_| SCHEME.len()));
     let mut out = OsString::from(kind);
     out.push(folder.join(path));
     out
@@ -123,7 +122,7 @@ fn is_path(option: &Arg, text: &str) -> bool {
     let takes_paths = !matches!(option.get_value_hint(), ValueHint::Unknown | ValueHint::Other);
     let help = option.get_value_names().into_iter().flatten().map(|n| n.as_str());
     let word = |w: &str| match w.split_once(':') {
-        Some((kind, _)) => !w.starts_with(NETWORK) && text.split_once(':').is_some_and(|t| t.0 == kind),
+        Some((kind, _)) => !w.starts_with(SCHEME) && text.split_once(':').is_some_and(|t| t.0 == kind),
         None => w == text,
     };
     takes_paths && !help.flat_map(|n| n.split('|')).any(word)

@@ -7,7 +7,7 @@
 
 use animimic::pictures::Studio;
 use animimic::rigging::Sheet;
-use animimic::scene::{Asset, Camera, Image, io};
+use animimic::scene::{Asset, Camera, Image, Pose, io};
 use animimic_render::{Light, overlay};
 use animimic_rig::riggers::{self, RigOptions};
 use glam::{DQuat, DVec3};
@@ -119,7 +119,7 @@ fn sheet(asset: &Asset, joints: &[usize], name: &str) -> Image {
         // World turn W about the joint: local rotation P⁻¹ W P R with the parent's world rotation P.
         let parent = skeleton.joints[j].parent.map_or(DQuat::IDENTITY, |p| DQuat::from_mat3(&rest[p].matrix3));
         locals[j].rotation = parent.inverse() * turn * parent * locals[j].rotation;
-        let bent = asset.rig.skinned(&skeleton.world_from_joint(&locals));
+        let bent = asset.rig.in_pose(&Pose { locals });
         let (x, y) = ((k + 2) % COLUMNS * CELL_PX, (k + 2) / COLUMNS * CELL_PX);
         overlay::paste(&mut out, &studio.draw(&camera, &bent, WHITE).0, x, y);
         overlay::text(&mut out, x + 4, y + 4, &skeleton.joints[j].name, 1, [0; 3]);

@@ -4,7 +4,7 @@ use crate::Error;
 use crate::event::{Event, Progress, tell};
 use animimic_scene::{DepthKind, Image, Mask, Video};
 use animimic_video::cues;
-pub use animimic_video::cues::network::{CueSource, Gives};
+pub use animimic_video::cues::network::{CueSource, Gives, SCHEME};
 use animimic_video::cues::providers::{
     DepthFiles, FlowTracks, Found, MaskFiles, NetworkDepth, NetworkMasks, PlainMasks, Provider, SilhouetteMasks,
     Sources, TrackFiles, resized_tracks,

@@ -37,8 +37,7 @@ fn truth(asset: &Asset, motion: &Motion) -> Vec<Vec<DVec3>> {
     let one = Elasticity::uniform(Model::GuardedCorotated, tissue.body.tets.len(), BODY, 0.4, 1000.0);
     let material = Elasticity { cluster: groups.of_tets(&tissue), ln_youngs, ..one };
     let simulated = tissue.simulate(&material, &Stepping::default(), &motion.poses, FPS).unwrap();
-    let frames = simulated.frames().zip(&motion.poses);
-    frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect()
+    simulated.surfaces(&tissue, &motion.poses)
 }
 
 /// A clip with the video of its true surfaces.
@@ -152,8 +151,7 @@ fn poses_solved_for_the_soft_surface_explain_the_frames_as_skinning_does_and_are
     let tissue = Tissue::new(&asset, &Settings { tets: 1500, ..Settings::default() }).unwrap();
     let soft = Elasticity::uniform(Model::GuardedCorotated, tissue.body.tets.len(), 4e4, 0.4, 1000.0);
     let simulated = tissue.simulate(&soft, &Stepping::default(), &motion.poses, FPS).unwrap();
-    let real: Vec<Vec<DVec3>> =
-        (simulated.frames().zip(&motion.poses)).map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect();
+    let real = simulated.surfaces(&tissue, &motion.poses);
     let camera = camera(256);
     let footage = Footage::new(&asset, &camera, &motion, &real);
     with_stages(&asset, &camera, &[&footage], |subject, stages| {
@@ -166,7 +164,7 @@ fn poses_solved_for_the_soft_surface_explain_the_frames_as_skinning_does_and_are
         let poses: Vec<_> = frames.iter().map(|f| subject.file_pose(f)).collect();
         let by_skinning: f64 = energies(stage, &skinned(&asset, &poses)).iter().sum();
         let share = vec![1.0; asset.mesh.positions.len()];
-        let turns = Turns { share: &share, rounds: 3, polish: true, rival: f64::INFINITY };
+        let turns = Turns { share: &share, rounds: 3, rival: Some(f64::INFINITY) };
         let found = together(&tissue, &soft, stage, (&poses, FPS), turns, &mut || Ok(())).unwrap();
         let off = |surfaces: &[Vec<DVec3>]| {
             let pairs = surfaces.iter().flatten().zip(real.iter().flatten());

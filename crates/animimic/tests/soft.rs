@@ -12,6 +12,7 @@ use animimic::soften::yielding::give_way;
 use animimic_fit::soft::clusters::by_joint;
 use animimic_fit::soft::estimate::{Clip, Problem};
 use animimic_fit::soft::evidence::Positions;
+use animimic_fit::soft::learn::skinned;
 use animimic_fit::soft::{Settings, Simulated, Stepping, Tissue, loosen};
 use animimic_rig::helpers;
 use glam::{DMat3, DVec3};
@@ -38,9 +39,8 @@ fn every_case_keeps_its_tets_upright_and_its_volume_and_cuts_itself_no_more_than
     each_case(|name, asset, motion| {
         let tissue = Tissue::new(asset, &Settings::default()).unwrap();
         let simulated = simulate(&tissue, motion, 1e5);
-        let skinned: Vec<_> = motion.poses.iter().map(|p| asset.rig.skinned(&tissue.world(p))).collect();
-        let frames = simulated.frames().zip(&motion.poses);
-        let mut soft: Vec<_> = frames.map(|(cage, p)| tissue.surface(cage, &tissue.world(p))).collect();
+        let skinned = skinned(asset, &motion.poses);
+        let mut soft = simulated.surfaces(&tissue, &motion.poses);
         let still = soft[0].iter().zip(&asset.mesh.positions).map(|(a, b)| a.distance(*b)).fold(0.0, f64::max);
         let still = still / asset.mesh.diagonal();
         let yielded = give_way(&asset.mesh, &skinned, &mut soft);
@@ -128,9 +128,8 @@ fn helper_bones_carry_every_softened_case_within_half_a_percent() {
     each_case(|name, asset, motion| {
         let tissue = Tissue::new(asset, &Settings::default()).unwrap();
         let simulated = simulate(&tissue, motion, 1e5);
-        let skinned: Vec<_> = motion.poses.iter().map(|p| asset.rig.skinned(&tissue.world(p))).collect();
-        let frames = simulated.frames().zip(&motion.poses);
-        let mut soft: Vec<_> = frames.map(|(cage, p)| tissue.surface(cage, &tissue.world(p))).collect();
+        let skinned = skinned(asset, &motion.poses);
+        let mut soft = simulated.surfaces(&tissue, &motion.poses);
         give_way(&asset.mesh, &skinned, &mut soft);
         let trajectory = Some(Trajectory { fps: motion.fps, frames: soft });
         let clip = Refined { motion: motion.clone(), trajectory };

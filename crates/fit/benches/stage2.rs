@@ -43,8 +43,7 @@ fn run() {
         cpu_seconds() - cpu,
         simulated.report.newton
     );
-    let frames = simulated.frames().zip(&motion.poses);
-    let seen: Vec<Vec<DVec3>> = frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect();
+    let seen = simulated.surfaces(&tissue, &motion.poses);
     let evidence = Positions { frames: &seen, weights: &vec![1.0; asset.mesh.positions.len()] };
     let problem = Problem {
         tissue: &tissue,

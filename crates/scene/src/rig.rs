@@ -106,6 +106,14 @@ pub struct Skin {
     pub influences: Vec<Vec<Influence>>,
 }
 
+impl Skin {
+    /// The joint that moves a vertex most; `None` for a vertex without influences.
+    pub fn main_joint(&self, vertex: usize) -> Option<usize> {
+        let most = self.influences.get(vertex)?.iter().max_by(|a, b| a.weight.total_cmp(&b.weight))?;
+        Some(self.slots[most.slot as usize].joint)
+    }
+}
+
 /// A skeleton and a skin: all that is needed to pose a mesh.
 #[derive(Clone, Debug, Default)]
 pub struct Rig {

@@ -8,6 +8,7 @@ use animimic::pictures::Studio;
 use animimic::scene::{Asset, Image, io};
 use animimic::sim::{Elasticity, Model};
 use animimic::soften::yielding::give_way;
+use animimic_fit::soft::learn::skinned;
 use animimic_fit::soft::{Settings, Stepping, Tissue};
 use glam::DVec3;
 use std::path::Path;
@@ -33,9 +34,8 @@ fn main() {
         let simulated =
             tissue.simulate(&elasticity, &Stepping::default(), &motion.poses, motion.fps).expect("good input");
         let spent = clock.elapsed().as_secs_f64();
-        let skinned: Vec<_> = motion.poses.iter().map(|p| asset.rig.skinned(&tissue.world(p))).collect();
-        let frames = simulated.frames().zip(&motion.poses);
-        let mut soft: Vec<_> = frames.map(|(cage, p)| tissue.surface(cage, &tissue.world(p))).collect();
+        let skinned = skinned(&asset, &motion.poses);
+        let mut soft = simulated.surfaces(&tissue, &motion.poses);
         let yielded = give_way(&asset.mesh, &skinned, &mut soft);
         let r = &simulated.report;
         println!(

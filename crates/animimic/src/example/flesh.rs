@@ -9,7 +9,6 @@ use animimic_fit::soft::{Settings, Stepping, Tissue};
 use animimic_scene::{Asset, Motion};
 use animimic_sim::{Elasticity, Model};
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// The joint whose flesh swings.
 pub const LOOSE: &str = "tail";
@@ -43,7 +42,5 @@ pub fn moved(asset: &Asset, motion: &Motion) -> Result<Vec<Vec<DVec3>>, Error> {
     let material =
         Elasticity { cluster: by_joint(&tissue, &loose), ln_youngs: vec![BODY_YOUNG.ln(), TAIL_YOUNG.ln()], ..one };
     let simulated = tissue.simulate(&material, &Stepping::default(), &motion.poses, motion.fps)?;
-    let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
-    let frames = cages.par_iter().zip(&motion.poses);
-    Ok(frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect())
+    Ok(simulated.surfaces(&tissue, &motion.poses))
 }

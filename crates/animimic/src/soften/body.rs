@@ -2,11 +2,11 @@
 
 use super::yielding::{Yielded, give_way};
 use crate::Error;
+use animimic_fit::soft::learn::skinned;
 use animimic_fit::soft::{Report as Simulation, Stepping, Tissue};
 use animimic_scene::{Motion, Refined, Trajectory};
 use animimic_sim::Elasticity;
 use glam::DVec3;
-use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::time::Instant;
 
@@ -36,14 +36,7 @@ pub(crate) fn soften(
     let clock = Instant::now();
     let simulated = tissue.simulate(elasticity, stepping, &motion.poses, motion.fps)?;
     let simulated_s = clock.elapsed().as_secs_f64();
-    let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
-    let pairs: Vec<(Vec<DVec3>, Vec<DVec3>)> = (motion.poses.par_iter().zip(cages))
-        .map(|(pose, cage)| {
-            let world = tissue.world(pose);
-            (tissue.asset.rig.skinned(&world), tissue.surface(cage, &world))
-        })
-        .collect();
-    let (skinned, soft) = pairs.into_iter().unzip();
+    let (skinned, soft) = (skinned(tissue.asset, &motion.poses), simulated.surfaces(tissue, &motion.poses));
     let (simulation, tets) = (simulated.report, tissue.body.tets.len());
     // That of the tet that carries the vertex.
     let young = |tet: &u32| elasticity.ln_youngs[elasticity.cluster[*tet as usize] as usize].exp() as f32;

@@ -99,17 +99,17 @@ fn clip(
     let mut go_on = || tell(progress, Event::Step { done: 1.0, loss: None }).map_err(|_| FitError::Stopped);
     let (asset, material) = (tissue.asset, learnt.elasticity(tissue));
     let skinned = learn::skinned(asset, &motion.poses);
-    let rival: f64 = energies(stage, &skinned).iter().sum();
-    let mut turn = |stage: &mut Stage, share: &[f64], rounds: usize, polish: bool| {
-        let turns = Turns { share, rounds: if solve { rounds } else { 0 }, polish, rival };
+    let mut turn = |stage: &mut Stage, share: &[f64], rounds: usize, rival: Option<f64>| {
+        let turns = Turns { share, rounds: if solve { rounds } else { 0 }, rival };
         together(tissue, &material, stage, (&motion.poses, motion.fps), turns, &mut go_on)
     };
     // All of it soft first: which groups the frames then explain by it; then poses for those soft and the others skinned.
-    let first = turn(stage, &vec![1.0; asset.mesh.positions.len()], ROUNDS[0], false)?;
+    let first = turn(stage, &vec![1.0; asset.mesh.positions.len()], ROUNDS[0], None)?;
     let mut verdict = judge(asset, &learnt.groups, stage, &skinned, &first.surfaces);
     let soft: Vec<bool> = verdict.by_group.iter().map(|[skinned, soft]| no_worse(skinned, soft)).collect();
     let asked = soft.contains(&true);
-    let last = if asked { turn(stage, &shares(asset, learnt, &soft), ROUNDS[1], true)? } else { first.clone() };
+    let rival = Some(verdict.frames[0].iter().sum());
+    let last = if asked { turn(stage, &shares(asset, learnt, &soft), ROUNDS[1], rival)? } else { first.clone() };
     let posed = Motion { poses: last.poses.clone(), ..motion.clone() };
     let made = |tissue: &Tissue, share: bool| -> Result<(Softened, Vec<Vec<DVec3>>), Error> {
         let mut made = body::soften(tissue, &learnt.elasticity(tissue), &Stepping::default(), &posed)?;

@@ -76,16 +76,15 @@ pub fn give_way(mesh: &Mesh, skinned: &[Vec<DVec3>], soft: &mut [Vec<DVec3>]) ->
         now = blend(&share, soft);
     }
     // The last circles came late: smaller ones may do.
-    for factor in if share.iter().any(|s| *s > 0.0) { &SHRINK[..] } else { &[] } {
-        let smaller: Vec<f64> = circles.iter().map(|r| factor * r).collect();
-        let less = shares(mesh, &smaller);
-        let trial = blend(&less, soft);
-        if fine(&trial) {
-            (share, now) = (less, trial);
-            break;
-        }
-        if *factor == SHRINK[SHRINK.len() - 1] {
-            now = blend(&share, soft);
+    if share.iter().any(|s| *s > 0.0) {
+        let smaller = SHRINK.iter().find_map(|factor| {
+            let less = shares(mesh, &circles.iter().map(|r| factor * r).collect::<Vec<_>>());
+            let trial = blend(&less, soft);
+            fine(&trial).then_some((less, trial))
+        });
+        match smaller {
+            Some(found) => (share, now) = found,
+            None => now = blend(&share, soft),
         }
     }
     let share = share.iter().sum::<f64>() / share.len().max(1) as f64;

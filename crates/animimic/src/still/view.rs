@@ -80,11 +80,7 @@ struct Parts {
 }
 
 fn parts(asset: &Asset) -> Parts {
-    let skin = &asset.rig.skin;
-    let main_joint = |v: u32| {
-        let all = skin.influences.get(v as usize).into_iter().flatten();
-        all.max_by(|a, b| a.weight.total_cmp(&b.weight)).map_or(0, |i| skin.slots[i.slot as usize].joint)
-    };
+    let main_joint = |v: u32| asset.rig.skin.main_joint(v as usize).unwrap_or(0);
     let of_triangle: Vec<usize> = asset.mesh.triangles.iter().map(|t| main_joint(t[0])).collect();
     let count = of_triangle.iter().copied().max().map_or(1, |m| m + 1);
     let mut area = vec![0.0; count];

@@ -132,7 +132,7 @@ pub fn learn(
         let next = problem.fit(&prior, found.as_ref(), wish.steps)?;
         first = first.or(Some(next.energies[0]));
         if round + 1 < rounds {
-            let simulated = |w: &Watched| simulated(&tissue, &next.elasticity, &Stepping::default(), w.poses, w.fps);
+            let simulated = |w: &Watched| simulated(&tissue, &next.elasticity, w.poses, w.fps);
             surfaces = watched.iter().map(simulated).collect::<Result<_, _>>()?;
         }
         found = Some(next);
@@ -183,12 +183,8 @@ pub fn skinned(asset: &Asset, poses: &[Pose]) -> Vec<Vec<DVec3>> {
 pub(super) fn simulated(
     tissue: &Tissue,
     material: &Elasticity,
-    stepping: &Stepping,
     poses: &[Pose],
     fps: f64,
 ) -> Result<Vec<Vec<DVec3>>, FitError> {
-    let simulated = tissue.simulate(material, stepping, poses, fps)?;
-    let cages: Vec<&Vec<DVec3>> = simulated.frames().collect();
-    let frames = cages.par_iter().zip(poses);
-    Ok(frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect())
+    Ok(tissue.simulate(material, &Stepping::default(), poses, fps)?.surfaces(tissue, poses))
 }

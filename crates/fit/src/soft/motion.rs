@@ -10,6 +10,7 @@ use crate::FitError;
 use animimic_scene::{Pose, Transform};
 use animimic_sim::{Elasticity, Settings, Simulation, State, simulate};
 use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
 
 /// How a motion is simulated.
 #[derive(Clone, Debug)]
@@ -69,6 +70,13 @@ impl Simulated {
     pub fn frames(&self) -> impl Iterator<Item = &Vec<DVec3>> {
         let steps = self.simulation.steps.iter().skip(self.report.substeps - 1).step_by(self.report.substeps);
         std::iter::once(&self.simulation.start.positions).chain(steps)
+    }
+
+    /// Surfaces \[frame\]\[vertex\] [model unit] of the tissue and the poses that were simulated.
+    pub fn surfaces(&self, tissue: &Tissue, poses: &[Pose]) -> Vec<Vec<DVec3>> {
+        let cages: Vec<&Vec<DVec3>> = self.frames().collect();
+        let frames = cages.par_iter().zip(poses);
+        frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect()
     }
 }
 

@@ -46,8 +46,7 @@ fn surfaces(tissue: &Tissue, material: &Elasticity, motion: &Motion) -> Vec<Vec<
     let start = tissue.start(material, &stepping, &motion.poses[0]).expect("a sound material");
     let simulated =
         tissue.simulate_from(start, material, &stepping, &motion.poses, motion.fps, 1).expect("a sound material");
-    let frames = simulated.frames().zip(&motion.poses);
-    frames.map(|(cage, pose)| tissue.surface(cage, &tissue.world(pose))).collect()
+    simulated.surfaces(tissue, &motion.poses)
 }
 
 /// Calls `work` with evidence of true tracks, and with pictures of the truth, in frames of `SIZE` pixels.

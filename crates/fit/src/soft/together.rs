@@ -8,7 +8,7 @@
 
 use super::learn::{simulated, skinned};
 use super::seen::energies;
-use super::{Stepping, Tissue};
+use super::Tissue;
 use crate::FitError;
 use crate::stage1::flesh::Flesh;
 use crate::stage1::solve::Stage;
@@ -36,10 +36,9 @@ pub struct Turns<'a> {
     pub share: &'a [f64],
     /// Most turns.
     pub rounds: usize,
-    /// Whether rendered terms count too, in all turns but the first: they take several times as long.
-    pub polish: bool,
-    /// Energy that the result has to compete with.
-    pub rival: f64,
+    /// Energy that the result has to compete with. Where there is one, rendered terms count too, in all turns but the first: they take
+    /// several times as long.
+    pub rival: Option<f64>,
 }
 
 /// A round that lowers the energy by less than this share is the last.
@@ -63,7 +62,7 @@ pub fn together(
     let rig = &tissue.asset.rig;
     let loose: Vec<usize> = (0..rig.skeleton.joints.len()).filter(|&j| tissue.carrier[j] != j).collect();
     let surface = |poses: &[Pose]| -> Result<Vec<Vec<DVec3>>, FitError> {
-        let mut soft = simulated(tissue, material, &Stepping::default(), poses, fps)?;
+        let mut soft = simulated(tissue, material, poses, fps)?;
         blend(&skinned(tissue.asset, poses), &mut soft, turns.share);
         Ok(soft)
     };
@@ -75,7 +74,7 @@ pub fn together(
         go_on()?;
         stage.flesh = Some(Flesh::new(subject, &loose, &frames, &surfaces));
         stage.finish(&mut frames);
-        if turns.polish && round > 0 {
+        if turns.rival.is_some() && round > 0 {
             stage.polish(&mut frames);
         }
         stage.flesh = None;
@@ -88,7 +87,7 @@ pub fn together(
             least = energy;
             (best.poses, best.surfaces) = (solved, surfaces.clone());
         }
-        let hopeless = turns.polish && round == 0 && least > HOPELESS * turns.rival;
+        let hopeless = round == 0 && turns.rival.is_some_and(|rival| least > HOPELESS * rival);
         if hopeless || round > 0 && gain < SETTLED {
             break;
         }

@@ -22,10 +22,7 @@ pub struct Verdict {
 
 /// Compares both surfaces \[frame\]\[vertex\] with a video.
 pub fn judge(asset: &Asset, groups: &Groups, stage: &Stage, skinned: &[Vec<DVec3>], soft: &[Vec<DVec3>]) -> Verdict {
-    let main = |v: usize| {
-        let most = asset.rig.skin.influences[v].iter().max_by(|a, b| a.weight.total_cmp(&b.weight));
-        most.map_or(0, |i| groups.of_joint[asset.rig.skin.slots[i.slot as usize].joint] as usize)
-    };
+    let main = |v: usize| asset.rig.skin.main_joint(v).map_or(0, |j| groups.of_joint[j] as usize);
     let count = skinned.len();
     let mut by_group = vec![[vec![0.0; count], vec![0.0; count]]; groups.parents.len()];
     let mut frames = [Vec::new(), Vec::new()];

@@ -75,7 +75,12 @@ pub struct Point {
 impl Point {
     /// ω_f of this point.
     pub fn count(&self, problem: &Problem, frame: usize) -> f64 {
-        problem.counts[frame] * self.emphasis.get(frame).unwrap_or(&1.0)
+        problem.counts[frame] * self.emphasis_in(frame)
+    }
+
+    /// What a frame counts beside ω_f.
+    pub fn emphasis_in(&self, frame: usize) -> f64 {
+        self.emphasis.get(frame).copied().unwrap_or(1.0)
     }
 
     /// Counts frames in which the point is more than about `goal` [model unit] off for more, as in iteratively reweighted least squares

@@ -125,7 +125,7 @@ fn frame(
         }
         let mut sums = Sums::default();
         for m in list {
-            let count = points[m.point].emphasis.get(frame).copied().unwrap_or(1.0);
+            let count = points[m.point].emphasis_in(frame);
             sums.add(count, m.weight, m.x, missing[m.point] + before.transform_point3(m.x) * m.weight);
         }
         hold(helper, &neighbours(problem, helper, frame), &mut sums);

@@ -19,6 +19,9 @@ use crate::error::Result;
 use animimic_scene::{DepthMap, Mask, Video};
 use std::path::{Path, PathBuf};
 
+/// What stands before the path of a network where a source of cues is named.
+pub const SCHEME: &str = "onnx:";
+
 /// A network and how it is fed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {
@@ -44,7 +47,7 @@ impl CueSource {
     /// # Errors
     /// An unknown preset, or one that gives other cues.
     pub fn parse(text: &str, gives: Gives) -> std::result::Result<Self, String> {
-        let Some(rest) = text.strip_prefix("onnx:") else { return Ok(Self::File(text.into())) };
+        let Some(rest) = text.strip_prefix(SCHEME) else { return Ok(Self::File(text.into())) };
         let fitting = || PRESETS.iter().filter(|p| p.gives == gives);
         let (file, named) = match rest.rsplit_once(':') {
             // What holds a dot or a slash is a part of the path.

@@ -1,7 +1,7 @@
 //! The document under construction: JSON and one growing binary chunk.
 
 use crate::io::SceneError;
-use crate::io::gltf::accessor::MESHOPT;
+use crate::io::gltf::accessor::{Document, MESHOPT};
 use serde_json::{Value, json};
 
 const FLOAT: u32 = 5126;
@@ -109,24 +109,9 @@ impl Output {
         push(&mut self.json, "accessors", accessor)
     }
 
-    /// The matrices of an accessor of floats in the binary chunk, column by column; none where it is anything else.
-    pub fn matrices(&self, accessor: usize) -> Option<Vec<[f64; 16]>> {
-        let number = |v: &Value, key: &str| v[key].as_u64().map(|n| n as usize);
-        let a = self.json["accessors"].get(accessor)?;
-        let view = self.json["bufferViews"].get(number(a, "bufferView")?)?;
-        let plain = a["componentType"] == FLOAT && a["type"] == "MAT4" && a.get("sparse").is_none();
-        if !plain || number(view, "buffer")? != 0 || view.get("extensions").is_some() {
-            return None;
-        }
-        let start = number(view, "byteOffset").unwrap_or(0).checked_add(number(a, "byteOffset").unwrap_or(0))?;
-        let stride = number(view, "byteStride").unwrap_or(64);
-        let one = |k: usize| {
-            let from = start.checked_add(k.checked_mul(stride)?)?;
-            let bytes = self.bin.get(from..from.checked_add(64)?)?;
-            let floats = bytes.as_chunks::<4>().0;
-            Some(std::array::from_fn(|c| f64::from(f32::from_le_bytes(floats[c]))))
-        };
-        (0..number(a, "count")?).map(one).collect()
+    /// What is there so far, to be read.
+    pub fn document(&self) -> Document<'_> {
+        Document::plain(&self.json, std::slice::from_ref(&self.bin))
     }
 
     /// Adds unsigned integers of `component` type, already as bytes.

@@ -7,9 +7,10 @@
 use super::animation::Moves;
 use super::bin::Output;
 use crate::Asset;
+use crate::io::SceneError;
+use crate::io::gltf::json::Place;
 use crate::rig::Transform;
 use glam::{DAffine3, DMat4, DVec3};
-use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// Differences up to this are rounding: as a share of the diagonal [rad, or of the scale].
@@ -40,13 +41,14 @@ fn differences(rest: &Transform, bound: &DAffine3, diagonal: f64) -> Moves {
     ]
 }
 
-/// The inverse bind matrix of every node that is a joint of a skin, the last skin's.
+/// The inverse bind matrix of every node that is a joint of a skin, the last skin's; none of skins whose matrices cannot be read.
 fn inverse_binds(out: &Output) -> BTreeMap<usize, DAffine3> {
-    let mut all = BTreeMap::new();
-    for skin in out.json["skins"].as_array().into_iter().flatten() {
-        let matrices = skin["inverseBindMatrices"].as_u64().and_then(|a| out.matrices(a as usize)).unwrap_or_default();
-        let joints = skin["joints"].as_array().into_iter().flatten().filter_map(Value::as_u64);
-        all.extend(joints.zip(matrices).map(|(n, m)| (n as usize, DAffine3::from_mat4(DMat4::from_cols_array(&m)))));
-    }
-    all
+    let document = out.document();
+    let of_skin = |skin: &Place| -> Result<Vec<(usize, DAffine3)>, SceneError> {
+        let matrices = document.numbers(&skin.need("inverseBindMatrices")?)?;
+        let joints = skin.list("joints")?.iter().map(Place::usize).collect::<Result<Vec<_>, _>>()?;
+        let matrix = |m: &[f64]| DAffine3::from_mat4(DMat4::from_cols_slice(m));
+        Ok(joints.into_iter().zip(matrices.rows().filter(|m| m.len() == 16).map(matrix)).collect())
+    };
+    document.root.list("skins").into_iter().flatten().filter_map(|skin| of_skin(&skin).ok()).flatten().collect()
 }
