@@ -6,9 +6,9 @@
 //! Joints that are loose are seen by nothing then, and priors and smoothness have them. Where flesh is not soft the surface is the skinned
 //! one. The round that explains the frames best is the result.
 
+use super::Tissue;
 use super::learn::{simulated, skinned};
 use super::seen::energies;
-use super::Tissue;
 use crate::FitError;
 use crate::stage1::flesh::Flesh;
 use crate::stage1::solve::Stage;
