@@ -5,6 +5,7 @@
 use animimic_scene::Texture;
 use animimic_scene::image::{linear_from_srgb, srgb_from_linear};
 use std::sync::LazyLock;
+use wide::f32x4;
 
 /// sRGB byte → linear light.
 pub(crate) static LINEAR: LazyLock<[f32; 256]> =
@@ -81,6 +82,7 @@ impl MipTexture {
     }
 
     /// Looks up linear RGB with its derivative; `lod` as [`MipTexture::level_of_detail`], held fixed in the derivative.
+    #[inline(always)]
     pub fn sample(&self, uv: [f32; 2], lod: f32) -> Sample {
         let (level, fraction) = self.split(lod);
         let a = self.bilinear(level, uv, lod);
@@ -133,26 +135,30 @@ impl MipTexture {
         (level as usize, lod - level)
     }
 
+    #[inline(always)]
     fn bilinear(&self, level: usize, uv: [f32; 2], lod: f32) -> Sample {
         let at = self.corners(level, uv, lod);
         let l = &self.levels[level];
-        let t = at.texel.map(|t| {
-            let [r, g, b, _] = l.texels[t];
-            [LINEAR[r as usize], LINEAR[g as usize], LINEAR[b as usize]]
-        });
+        let linear = &*LINEAR;
+        // Not `map`: it is called, not inlined, and this is where a drawing spends its time.
+        let texel = |k: usize| {
+            let [r, g, b, _] = l.texels[at.texel[k]];
+            f32x4::new([linear[r as usize], linear[g as usize], linear[b as usize], 0.0])
+        };
+        let t = [texel(0), texel(1), texel(2), texel(3)];
         let [fx, fy] = at.fraction;
         let (w, h) = if at.stepped { (0.0, 0.0) } else { (l.width as f32, l.height as f32) };
-        let mut out = Sample::default();
-        for c in 0..3 {
-            let (dx0, dx1) = (t[1][c] - t[0][c], t[3][c] - t[2][c]);
-            let (top, bottom) = (t[0][c] + fx * dx0, t[2][c] + fx * dx1);
-            out.rgb[c] = top + fy * (bottom - top);
-            out.d_u[c] = (dx0 + fy * (dx1 - dx0)) * w;
-            out.d_v[c] = (bottom - top) * h;
-        }
-        out
+        let (dx0, dx1) = (t[1] - t[0], t[3] - t[2]);
+        let (top, bottom) = (t[0] + dx0 * fx, t[2] + dx1 * fx);
+        let down = bottom - top;
+        let rgb = |v: f32x4| {
+            let [r, g, b, _] = v.to_array();
+            [r, g, b]
+        };
+        Sample { rgb: rgb(top + down * fy), d_u: rgb((dx0 + (dx1 - dx0) * fy) * w), d_v: rgb(down * h) }
     }
 
+    #[inline(always)]
     fn corners(&self, level: usize, uv: [f32; 2], lod: f32) -> Corners {
         let l = &self.levels[level];
         let size = [l.width, l.height];
@@ -167,12 +173,20 @@ impl MipTexture {
             let x = if c.is_finite() { c * n - 0.5 } else { 0.0 };
             let floor = if stepped { (x + 0.5).floor() } else { x.floor() };
             fraction[k] = if stepped { 0.0 } else { x - floor };
-            let wrap = |i: i64| {
-                let i = if self.repeat[k] { i.rem_euclid(size[k] as i64) } else { i.clamp(0, size[k] as i64 - 1) };
-                i as usize
+            // At most one texel outside, on either side.
+            let (i, n) = (floor as i32, size[k] as i32);
+            let wrap = |i: i32| {
+                let inside = if self.repeat[k] { [n - 1, 0] } else { [0, n - 1] };
+                (if i < 0 {
+                    inside[0]
+                } else if i >= n {
+                    inside[1]
+                } else {
+                    i
+                }) as usize
             };
-            low[k] = wrap(floor as i64);
-            high[k] = wrap(floor as i64 + 1);
+            low[k] = wrap(i);
+            high[k] = wrap(i + 1);
         }
         let w = l.width;
         let texel = [low[1] * w + low[0], low[1] * w + high[0], high[1] * w + low[0], high[1] * w + high[0]];
