@@ -10,6 +10,7 @@ use crate::element::Lame;
 use crate::error::{SimError, check_len};
 use crate::filter::Eigenvalues;
 use crate::settings::{Settings, State};
+use crate::tethers::Spring;
 use animimic_math::sparse::krylov::{Ended, conjugate_gradients};
 use animimic_math::sparse::{BlockMatrix, Factor};
 use glam::DVec3;
@@ -26,8 +27,8 @@ pub struct Stepper<'a> {
     pub(crate) mass: Vec<f64>,
     /// Mass of the free vertices in elimination order [kg].
     pub(crate) free_mass: Vec<f64>,
-    /// Spring constants of the tethers [N/m].
-    pub(crate) tether_stiffness: Vec<f64>,
+    /// Springs of the tethers.
+    pub(crate) springs: Vec<Spring>,
     pub(crate) scratch: Scratch,
     /// M + hαM + h²∂²Ψ (+ damper) at the last assembled point.
     pub(crate) matrix: BlockMatrix,
@@ -72,10 +73,10 @@ impl<'a> Stepper<'a> {
         Ok(Self {
             lame: per_tet(elasticity.unit_lame()),
             lame_by_poisson: per_tet(elasticity.unit_lame_by_poisson()),
-            tether_stiffness: body
+            springs: body
                 .tethers
                 .iter()
-                .map(|t| t.stiffness * elasticity.ln_youngs[elasticity.cluster[t.tet as usize] as usize].exp())
+                .map(|t| t.spring(elasticity.ln_youngs[elasticity.cluster[t.tet as usize] as usize]))
                 .collect(),
             free_mass: body.free.iter().map(|&v| mass[v as usize]).collect(),
             mass,
