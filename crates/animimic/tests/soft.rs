@@ -100,6 +100,8 @@ fn place(tissue: &Tissue, joint: usize, p: DVec3) -> Option<Point> {
 fn with_stiff_flesh_bones_are_where_skinning_has_them() {
     each_case(|name, asset, motion| {
         let tissue = Tissue::new(asset, &Settings::default()).unwrap();
+        let stiff = elasticity(&tissue, 1e8);
+        let tissue = tissue.holding(&stiff);
         let simulated = simulate(&tissue, motion, 1e8);
         let mut squares = Vec::new();
         for bone in &tissue.bones {
@@ -119,7 +121,9 @@ fn with_stiff_flesh_bones_are_where_skinning_has_them() {
         let p95 = percent(squares[squares.len() * 95 / 100]);
         let worst = percent(squares[squares.len() - 1]);
         println!("{name}: bones off by {rms:.3} % of the diagonal rms, p95 {p95:.3} %, worst {worst:.2} %");
-        assert!(rms < 0.3, "{name}");
+        assert_eq!((simulated.report.inverted, simulated.report.unconverged.len()), (0, 0), "{name}");
+        // Worst of all is where two bones come nearer than flesh between them can follow.
+        assert!(rms < 0.3 && p95 < 0.5, "{name}");
     });
 }
 

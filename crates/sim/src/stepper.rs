@@ -10,7 +10,6 @@ use crate::element::Lame;
 use crate::error::{SimError, check_len};
 use crate::filter::Eigenvalues;
 use crate::settings::{Settings, State};
-use crate::tethers::Spring;
 use animimic_math::sparse::krylov::{Ended, conjugate_gradients};
 use animimic_math::sparse::{BlockMatrix, Factor};
 use glam::DVec3;
@@ -27,8 +26,8 @@ pub struct Stepper<'a> {
     pub(crate) mass: Vec<f64>,
     /// Mass of the free vertices in elimination order [kg].
     pub(crate) free_mass: Vec<f64>,
-    /// Springs of the tethers.
-    pub(crate) springs: Vec<Spring>,
+    /// Spring constants of the tethers [N/m].
+    pub(crate) tether_stiffness: Vec<f64>,
     pub(crate) scratch: Scratch,
     /// M + hαM + h²∂²Ψ (+ damper) at the last assembled point.
     pub(crate) matrix: BlockMatrix,
@@ -73,10 +72,10 @@ impl<'a> Stepper<'a> {
         Ok(Self {
             lame: per_tet(elasticity.unit_lame()),
             lame_by_poisson: per_tet(elasticity.unit_lame_by_poisson()),
-            springs: body
+            tether_stiffness: body
                 .tethers
                 .iter()
-                .map(|t| t.spring(elasticity.ln_youngs[elasticity.cluster[t.tet as usize] as usize]))
+                .map(|t| t.stiffness * elasticity.ln_youngs[elasticity.cluster[t.tet as usize] as usize].exp())
                 .collect(),
             free_mass: body.free.iter().map(|&v| mass[v as usize]).collect(),
             mass,

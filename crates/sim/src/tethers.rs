@@ -1,17 +1,13 @@
 //! Tethers: points inside tets on strong springs, whose other ends follow prescribed paths.
 //!
-//! Ψ_t = Σ_p (k_p/2) ‖Σ_i b_pi x_i − d_p‖², k_p = E s_p √(1 + (E/E_f)²) with E the modulus of the tet that holds the point: a tether
-//! that is much stiffer than the flesh around it would crush it. What is firmer than flesh (E_f) is not crushed but would drag all its
-//! tethers away, so they become stiffer than it. Driven vertices can only sit where a mesh has vertices; a tether holds any point, so a
+//! Ψ_t = Σ_p (k_p/2) ‖Σ_i b_pi x_i − d_p‖², k_p = E s_p with E the modulus of the tet that holds the point: a tether that is much
+//! stiffer than the flesh around it would crush it. Driven vertices can only sit where a mesh has vertices; a tether holds any point, so a
 //! bone can run through a coarse mesh. Its Hessian k b_i b_j I is constant and lies in the tet's own blocks.
 
 use crate::body::Body;
 use crate::error::{SimError, check_finite};
 use crate::stepper::Stepper;
 use glam::DVec3;
-
-/// Modulus above which tethers stiffen faster than what they hold, E_f: gristle, firmer than all flesh [Pa].
-const FIRM: f64 = 1e7;
 
 /// One tether.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,27 +16,8 @@ pub struct Tether {
     pub tet: u32,
     /// Where in it.
     pub barycentric: [f64; 4],
-    /// Spring constant over the tet's Young's modulus where that is flesh's, s [m].
+    /// Spring constant over the tet's Young's modulus, s [m].
     pub stiffness: f64,
-}
-
-/// A tether's spring in a material.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Spring {
-    /// k [N/m].
-    pub constant: f64,
-    /// ∂k/∂ln E [N/m].
-    pub by_ln_young: f64,
-}
-
-impl Tether {
-    /// The spring for the modulus of the tet that holds the point [ln Pa].
-    pub(crate) fn spring(&self, ln_young: f64) -> Spring {
-        let young = ln_young.exp();
-        let firm = (young / FIRM).powi(2);
-        let constant = self.stiffness * young * (1.0 + firm).sqrt();
-        Spring { constant, by_ln_young: constant * (1.0 + firm / (1.0 + firm)) }
-    }
 }
 
 /// A Hessian block that a tether adds to: its index in the pattern, and b_i b_j.
@@ -101,16 +78,14 @@ impl Body {
 impl Stepper<'_> {
     /// Energy of the tethers [J] with their ends at `ends`.
     pub(crate) fn tether_energy(&self, positions: &[DVec3], ends: &[DVec3]) -> f64 {
-        let one = |((t, k), d): ((&Tether, &Spring), &DVec3)| {
-            0.5 * k.constant * self.body.point(t, positions).distance_squared(*d)
-        };
-        self.body.tethers.iter().zip(&self.springs).zip(ends).map(one).sum()
+        let one = |((t, k), d): ((&Tether, &f64), &DVec3)| 0.5 * k * self.body.point(t, positions).distance_squared(*d);
+        self.body.tethers.iter().zip(&self.tether_stiffness).zip(ends).map(one).sum()
     }
 
     /// Adds ∂Ψ_t/∂x to a field of forces.
     pub(crate) fn add_tether_forces(&self, positions: &[DVec3], ends: &[DVec3], forces: &mut [DVec3]) {
-        for ((t, k), d) in self.body.tethers.iter().zip(&self.springs).zip(ends) {
-            let pull = k.constant * (self.body.point(t, positions) - *d);
+        for ((t, k), d) in self.body.tethers.iter().zip(&self.tether_stiffness).zip(ends) {
+            let pull = *k * (self.body.point(t, positions) - *d);
             for (&v, b) in self.body.tets[t.tet as usize].iter().zip(t.barycentric) {
                 forces[v as usize] += pull * b;
             }
@@ -121,22 +96,22 @@ impl Stepper<'_> {
     pub(crate) fn add_tether_blocks(&mut self, h2: f64) {
         for t in &self.body.tether_blocks {
             let block = &mut self.matrix.blocks[t.block as usize];
-            let value = h2 * self.springs[t.tether as usize].constant * t.value;
+            let value = h2 * self.tether_stiffness[t.tether as usize] * t.value;
             (0..3).for_each(|c| block[4 * c] += value);
         }
     }
 
     /// ∂L/∂(ends of the tethers) = h² k Σ b_i a_i for the adjoint a of the positions.
     pub(crate) fn tether_ends_vjp(&self, adjoint: &[DVec3], h2: f64) -> Vec<DVec3> {
-        let one = |(t, k): (&Tether, &Spring)| h2 * k.constant * self.body.point(t, adjoint);
-        self.body.tethers.iter().zip(&self.springs).map(one).collect()
+        let one = |(t, k): (&Tether, &f64)| h2 * k * self.body.point(t, adjoint);
+        self.body.tethers.iter().zip(&self.tether_stiffness).map(one).collect()
     }
 
     /// Adds the tethers' forces to those of the clusters that their stiffness is of, ∂(∂Ψ_t/∂x)/∂ln E.
     pub(crate) fn add_tether_forces_by_cluster(&self, positions: &[DVec3], ends: &[DVec3], forces: &mut [Vec<DVec3>]) {
-        for ((t, k), d) in self.body.tethers.iter().zip(&self.springs).zip(ends) {
+        for ((t, k), d) in self.body.tethers.iter().zip(&self.tether_stiffness).zip(ends) {
             let field = &mut forces[self.elasticity.cluster[t.tet as usize] as usize];
-            let pull = k.by_ln_young * (self.body.point(t, positions) - *d);
+            let pull = *k * (self.body.point(t, positions) - *d);
             for (&v, b) in self.body.tets[t.tet as usize].iter().zip(t.barycentric) {
                 field[v as usize] += pull * b;
             }
@@ -152,8 +127,8 @@ impl Stepper<'_> {
         h2: f64,
         d_ln_youngs: &mut [f64],
     ) {
-        for ((t, k), d) in self.body.tethers.iter().zip(&self.springs).zip(ends) {
-            let work = k.by_ln_young * (self.body.point(t, positions) - *d).dot(self.body.point(t, adjoint));
+        for ((t, k), d) in self.body.tethers.iter().zip(&self.tether_stiffness).zip(ends) {
+            let work = k * (self.body.point(t, positions) - *d).dot(self.body.point(t, adjoint));
             d_ln_youngs[self.elasticity.cluster[t.tet as usize] as usize] -= h2 * work;
         }
     }
@@ -162,25 +137,4 @@ impl Stepper<'_> {
 /// Ends of tethers must be numbers.
 pub(crate) fn check_ends(ends: &[DVec3]) -> Result<(), SimError> {
     check_finite("end of tether", ends)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn springs_hold_flesh_as_its_own_modulus_and_firmer_things_harder() {
-        let tether = Tether { tet: 0, barycentric: [0.25; 4], stiffness: 0.3 };
-        let over = |young: f64| tether.spring(young.ln()).constant / (0.3 * young);
-        println!("over E s: {} at 1e5, {} at 1e6, {} at 1e8 Pa", over(1e5), over(1e6), over(1e8));
-        assert!((over(1e5) - 1.0).abs() < 1e-4 && (over(1e6) - 1.0).abs() < 1e-2 && over(1e8) > 10.0);
-        for young in [1e3f64, 1e5, 3e6, 1e7, 4e7, 1e9] {
-            let (at, step) = (young.ln(), 1e-5);
-            let [up, down] = [step, -step].map(|d| tether.spring(at + d).constant);
-            let spring = tether.spring(at);
-            let error = ((up - down) / (2.0 * step) / spring.by_ln_young - 1.0).abs();
-            println!("{young:.0e} Pa: derivative off by {error:.1e}");
-            assert!(error < 1e-8);
-        }
-    }
 }

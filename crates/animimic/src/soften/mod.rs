@@ -162,6 +162,7 @@ fn simulate(job: &Soften, asset: &Asset, motion: Motion, progress: &mut Progress
     tell(progress, Event::Stage { name: "tetrahedra" })?;
     let tissue = Tissue::new(asset, &settings(asset, job.tets, job.size_m, &job.loose)?)?;
     let elasticity = softness::elasticity(asset, &tissue, &job.softness)?;
+    let tissue = tissue.holding(&elasticity);
     tell(progress, Event::Stage { name: "simulating" })?;
     let stepping = Stepping { mass_damping: job.damping, ..Stepping::default() };
     let mut softened = body::soften(&tissue, &elasticity, &stepping, &motion)?;

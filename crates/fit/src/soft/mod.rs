@@ -25,7 +25,7 @@ pub mod weights;
 use crate::FitError;
 use animimic_scene::{Asset, Rig, TetMesh};
 use animimic_sim::tet::{Cage, DEFAULT_TETS, cage};
-use animimic_sim::{Body, Tether};
+use animimic_sim::{Body, Elasticity, Tether};
 use bones::Bone;
 use glam::{DAffine3, DVec3};
 use holds::{Choice, FREE, Hold};
@@ -36,6 +36,9 @@ use weights::CageWeights;
 /// Stiffness of a hold over that of the flesh that it holds, a cell of it: enough to hold it, not so much as to crush it where bones
 /// come near each other.
 const HOLD: f64 = 10.0;
+
+/// Modulus above which a material that is given is held more than in proportion: gristle, firmer than all flesh [Pa].
+const FIRM: f64 = 1e7;
 
 /// How tissue is made of a model.
 #[derive(Clone, Debug)]
@@ -133,6 +136,17 @@ impl<'a> Tissue<'a> {
         let skinning = Skinning::new(asset, &cage, &weights, &skinned, &holding);
         let joint_from_rest = rest_world.iter().map(|g| g.inverse()).collect();
         Ok(Self { asset, cage, scale, weights, holds, seams, driver, body, bones, skinning, carrier, joint_from_rest })
+    }
+
+    /// The same tissue, held as a material that is given asks for: flesh as before, what is firmer than that with 10 E s √(1 + (E/E_f)²),
+    /// s a cell, for it would drag its holds away. Not for a material that is sought: to be firm would then be to follow the joints,
+    /// which the frames prefer where poses were fitted by skinning.
+    pub fn holding(mut self, material: &Elasticity) -> Self {
+        for tether in &mut self.body.tethers {
+            let young = material.ln_youngs[material.cluster[tether.tet as usize] as usize].exp();
+            tether.stiffness *= (1.0 + (young / FIRM).powi(2)).sqrt();
+        }
+        self
     }
 
     /// Displacement from rest of every skeleton joint, T = G G(rest)⁻¹; that of the joint above where a joint is loose or its rest
