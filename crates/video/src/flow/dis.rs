@@ -91,13 +91,26 @@ impl Planes {
 
     /// Twice the size and twice the displacement; bilinear.
     fn enlarged(&self, width: usize, height: usize) -> Self {
+        // Between which source pixels each one lies, and where.
+        let between = |size: usize, source: usize| -> Vec<(usize, usize, f32)> {
+            (0..size)
+                .map(|k| {
+                    let x = (0.5 * (k as f32 - 0.5)).clamp(0.0, (source - 1) as f32);
+                    (x as usize, (x as usize + 1).min(source - 1), x - (x as usize) as f32)
+                })
+                .collect()
+        };
+        let (columns, rows) = (between(width, self.width), between(height, self.height));
         let double = |values: &[f32]| {
-            let source = Gray { width: self.width, height: self.height, values: values.to_vec() };
             let mut out = Vec::with_capacity(width * height);
-            for y in 0..height {
-                for x in 0..width {
-                    out.push(2.0 * source.sample(0.5 * (x as f32 - 0.5), 0.5 * (y as f32 - 0.5)));
-                }
+            for &(y0, y1, fy) in &rows {
+                let (above, below) =
+                    (&values[y0 * self.width..][..self.width], &values[y1 * self.width..][..self.width]);
+                out.extend(columns.iter().map(|&(x0, x1, fx)| {
+                    let top = above[x0] + fx * (above[x1] - above[x0]);
+                    let bottom = below[x0] + fx * (below[x1] - below[x0]);
+                    2.0 * (top + fy * (bottom - top))
+                }));
             }
             out
         };

@@ -5,6 +5,7 @@ use animimic_scene::Image;
 mod consistency;
 mod dis;
 mod gray;
+mod relax;
 mod variational;
 
 pub use consistency::consistency;

@@ -9,6 +9,8 @@
 
 use super::Gray;
 use super::dis::Planes;
+use super::relax::relax;
+use std::ops::Range;
 
 /// Weights and effort of the refinement.
 pub(super) struct Refinement {
@@ -73,14 +75,14 @@ impl Derivatives {
 }
 
 /// The linear system per pixel: [a11 a12; a12 a22] dw = b + smoothness.
-struct System {
-    a11: Vec<f32>,
-    a12: Vec<f32>,
-    a22: Vec<f32>,
-    b1: Vec<f32>,
-    b2: Vec<f32>,
+pub(super) struct System {
+    pub a11: Vec<f32>,
+    pub a12: Vec<f32>,
+    pub a22: Vec<f32>,
+    pub b1: Vec<f32>,
+    pub b2: Vec<f32>,
     /// Smoothness weight of the pixel's edges to the right and below.
-    smooth: Vec<f32>,
+    pub smooth: Vec<f32>,
 }
 
 /// Refines `flow` from `a` to `b` in place.
@@ -94,11 +96,7 @@ pub(super) fn refine(a: &Gray, b: &Gray, flow: &mut Planes, settings: &Refinemen
     for _ in 0..settings.rounds {
         data_terms(&d, &du, &dv, settings, &mut s);
         smoothness(flow, &du, &dv, settings, &mut s);
-        for _ in 0..settings.sweeps {
-            for parity in 0..2 {
-                sweep(a.width, a.height, parity, settings.omega, &s, &mut du, &mut dv);
-            }
-        }
+        relax(a.width, &s, settings.sweeps, settings.omega, &mut du, &mut dv);
     }
     for i in 0..n {
         flow.u[i] += du[i];
@@ -138,66 +136,53 @@ fn smoothness(flow: &Planes, du: &[f32], dv: &[f32], settings: &Refinement, s: &
     let (w, h) = (flow.width, flow.height);
     let u: Vec<f32> = flow.u.iter().zip(du).map(|(a, b)| a + b).collect();
     let v: Vec<f32> = flow.v.iter().zip(dv).map(|(a, b)| a + b).collect();
+    // Each pixel is met by its edges in one order: from above, from the left, to the right, to below.
     for y in 0..h {
-        for x in 0..w {
-            let i = y * w + x;
-            let right = if x + 1 < w { i + 1 } else { i };
-            let below = if y + 1 < h { i + w } else { i };
-            let (ux, uy, vx, vy) = (u[right] - u[i], u[below] - u[i], v[right] - v[i], v[below] - v[i]);
-            s.smooth[i] = 0.5 * settings.alpha / (ux * ux + uy * uy + vx * vx + vy * vy + EPSILON_SQUARED).sqrt();
-        }
+        let row = y * w..(y + 1) * w;
+        let below = if y + 1 < h { row.start + w..row.end + w } else { row.clone() };
+        let (here, under) = ([&u[row.clone()], &v[row.clone()]], [&u[below.clone()], &v[below]]);
+        weights(here, under, 0.5 * settings.alpha, &mut s.smooth[row]);
     }
-    let mut edge = |i: usize, j: usize| {
-        let k = s.smooth[i];
-        let (gu, gv) = (k * (flow.u[j] - flow.u[i]), k * (flow.v[j] - flow.v[i]));
-        s.b1[i] += gu;
-        s.b2[i] += gv;
-        s.b1[j] -= gu;
-        s.b2[j] -= gv;
-        s.a11[i] += k;
-        s.a22[i] += k;
-        s.a11[j] += k;
-        s.a22[j] += k;
-    };
     for y in 0..h {
-        for x in 0..w {
-            let i = y * w + x;
-            if x + 1 < w {
-                edge(i, i + 1);
-            }
-            if y + 1 < h {
-                edge(i, i + w);
-            }
+        let (i, end) = (y * w, (y + 1) * w);
+        if y > 0 {
+            edges(flow, s, (i - w..end - w, i..end), i..end);
+        }
+        edges(flow, s, (i..end - 1, i + 1..end), i + 1..end);
+        edges(flow, s, (i..end - 1, i + 1..end), i..end - 1);
+        if y + 1 < h {
+            edges(flow, s, (i..end, i + w..end + w), i..end);
         }
     }
 }
 
-/// One half sweep over the pixels with (x + y) % 2 = `parity`.
-fn sweep(w: usize, h: usize, parity: usize, omega: f32, s: &System, du: &mut [f32], dv: &mut [f32]) {
-    for y in 0..h {
-        let row = y * w;
-        for x in ((y + parity) % 2..w).step_by(2) {
-            let i = row + x;
-            let (mut gu, mut gv) = (s.b1[i], s.b2[i]);
-            let own = s.smooth[i];
-            if x > 0 {
-                gu += s.smooth[i - 1] * du[i - 1];
-                gv += s.smooth[i - 1] * dv[i - 1];
-            }
-            if x + 1 < w {
-                gu += own * du[i + 1];
-                gv += own * dv[i + 1];
-            }
-            if y > 0 {
-                gu += s.smooth[i - w] * du[i - w];
-                gv += s.smooth[i - w] * dv[i - w];
-            }
-            if y + 1 < h {
-                gu += own * du[i + w];
-                gv += own * dv[i + w];
-            }
-            du[i] += omega * ((gu - s.a12[i] * dv[i]) / s.a11[i] - du[i]);
-            dv[i] += omega * ((gv - s.a12[i] * du[i]) / s.a22[i] - dv[i]);
-        }
+/// Smoothness weight of each pixel of a row, by the flow (u, v) in it and in the row below.
+fn weights(here: [&[f32]; 2], below: [&[f32]; 2], half_alpha: f32, out: &mut [f32]) {
+    let n = out.len();
+    let ([u, v], [bu, bv]) = (here.map(|r| &r[..n]), below.map(|r| &r[..n]));
+    let weight = |ux: f32, uy: f32, vx: f32, vy: f32| {
+        half_alpha / (ux * ux + uy * uy + vx * vx + vy * vy + EPSILON_SQUARED).sqrt()
+    };
+    for x in 0..n - 1 {
+        out[x] = weight(u[x + 1] - u[x], bu[x] - u[x], v[x + 1] - v[x], bv[x] - v[x]);
+    }
+    out[n - 1] = weight(0.0, bu[n - 1] - u[n - 1], 0.0, bv[n - 1] - v[n - 1]);
+}
+
+/// The share of edges from each pixel of a range to its fellow of another one, in matrix and right-hand side of the pixels of `at`:
+/// those the edges come from, or those they lead to.
+fn edges(flow: &Planes, s: &mut System, (from, to): (Range<usize>, Range<usize>), at: Range<usize>) {
+    let n = at.len();
+    // What an edge adds to the pixel that it comes from it takes from the other.
+    let sign = if at == from { 1.0 } else { -1.0 };
+    let (k, u0, v0) = (&s.smooth[from.clone()][..n], &flow.u[from.clone()][..n], &flow.v[from][..n]);
+    let (u1, v1) = (&flow.u[to.clone()][..n], &flow.v[to][..n]);
+    let (a11, a22) = (&mut s.a11[at.clone()][..n], &mut s.a22[at.clone()][..n]);
+    let (b1, b2) = (&mut s.b1[at.clone()][..n], &mut s.b2[at][..n]);
+    for i in 0..n {
+        b1[i] += sign * (k[i] * (u1[i] - u0[i]));
+        b2[i] += sign * (k[i] * (v1[i] - v0[i]));
+        a11[i] += k[i];
+        a22[i] += k[i];
     }
 }
