@@ -32,7 +32,8 @@ pub struct Together {
 /// How poses are solved for a soft surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Turns<'a> {
-    /// Share of softness of each vertex: the rest is skinned.
+    /// Share of softness of each vertex: the rest is skinned. Where all is, poses are solved as often and nothing is simulated: what as
+    /// much search finds without tissue.
     pub share: &'a [f64],
     /// Most turns.
     pub rounds: usize,
@@ -61,9 +62,14 @@ pub fn together(
     let subject = stage.subject;
     let rig = &tissue.asset.rig;
     let loose: Vec<usize> = (0..rig.skeleton.joints.len()).filter(|&j| tissue.carrier[j] != j).collect();
+    let soft = turns.share.iter().any(|share| *share > 0.0);
     let surface = |poses: &[Pose]| -> Result<Vec<Vec<DVec3>>, FitError> {
+        let skinned = skinned(tissue.asset, poses);
+        if !soft {
+            return Ok(skinned);
+        }
         let mut soft = simulated(tissue, material, poses, fps)?;
-        blend(&skinned(tissue.asset, poses), &mut soft, turns.share);
+        blend(&skinned, &mut soft, turns.share);
         Ok(soft)
     };
     let mut surfaces = surface(poses)?;
@@ -72,7 +78,7 @@ pub fn together(
     let mut frames: Vec<FramePose> = poses.iter().map(|p| subject.tree.frame(rig, p)).collect();
     for round in 0..turns.rounds {
         go_on()?;
-        stage.flesh = Some(Flesh::new(subject, &loose, &frames, &surfaces));
+        stage.flesh = soft.then(|| Flesh::new(subject, &loose, &frames, &surfaces));
         stage.finish(&mut frames);
         if turns.rival.is_some() && round > 0 {
             stage.polish(&mut frames);
