@@ -58,7 +58,7 @@ pub struct Levels {
 
 impl Levels {
     /// The loss of a residual picture of `channels` interleaved values in a window, and its cotangent if `gradient`.
-    pub(super) fn loss(
+    pub(crate) fn loss(
         &self,
         residual: &[f32],
         window: Window,
