@@ -2,7 +2,7 @@
 //!
 //! Both are looked for in every frame, and the differences of their energies judge, frame by frame: what lies behind them (light,
 //! compression, the mask's edge) is the same in both. A soft surface is no worse where the mean difference is not above its own standard
-//! error, and better where it is below zero by more than that. Neighbouring frames err alike, which the standard error counts: Newey and
+//! error, and better where it is below zero at the 5 % level, one-sided. Neighbouring frames err alike, which the standard error counts: Newey and
 //! West 1987 (eq. 5, Bartlett's weights), as many lags as Andrews 1991 (eqs. 5.3, 6.2, 6.4) takes for a series of first order.
 
 use super::clusters::Groups;
@@ -48,8 +48,11 @@ pub fn no_worse(skinned: &[f64], soft: &[f64]) -> bool {
 /// Whether `soft` explains frames better than `skinned`, beyond what they cannot tell.
 pub fn better(skinned: &[f64], soft: &[f64]) -> bool {
     let [mean, error] = difference(skinned, soft);
-    mean < -error
+    mean < -SIGNIFICANT * error
 }
+
+/// Standard errors below zero that chance reaches in one case of twenty.
+const SIGNIFICANT: f64 = 1.645;
 
 /// Mean of soft less skinned over frames, and its standard error.
 pub fn difference(skinned: &[f64], soft: &[f64]) -> [f64; 2] {
@@ -95,6 +98,8 @@ mod tests {
         assert!(!no_worse(&skinned, &plus(&|_| 1e-3)), "little, but in every frame");
         assert!(better(&skinned, &plus(&|_| -1e-3)) && no_worse(&skinned, &plus(&|_| -1e-3)));
         assert!(!better(&skinned, &plus(&|t| noise(t) - 0.1)), "within the noise");
+        assert!(!better(&skinned, &plus(&|t| noise(t) - 0.2)), "one in ten times by chance");
+        assert!(better(&skinned, &plus(&|t| noise(t) - 0.5)), "far beyond it");
         assert!(!better(&skinned, &skinned));
         assert_eq!(difference(&[], &[]), [0.0, 0.0]);
         assert_eq!(difference(&[1.0], &[3.0]), [2.0, 0.0]);
