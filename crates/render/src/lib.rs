@@ -15,6 +15,7 @@ pub mod interpolate;
 pub mod light;
 pub mod normals;
 pub mod overlay;
+pub mod part;
 pub mod picture;
 mod plain;
 pub mod project;
@@ -31,6 +32,7 @@ pub mod texture;
 
 pub use crate::error::RenderError;
 pub use crate::light::Light;
+pub use crate::part::{Part, Parts};
 pub use crate::picture::{Background, render_image};
 pub use crate::project::{DCamera, ScreenPoint, project, project_vjp};
 pub use crate::pyramid::{PyramidLevel, pyramid, pyramid_vjp};

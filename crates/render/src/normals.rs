@@ -55,6 +55,39 @@ impl NormalRecipe {
         recipe
     }
 
+    /// The recipe of a part: `vertices` are those it has, by their number in the whole, and `number` is the opposite.
+    pub(crate) fn part(&self, vertices: &[u32], number: impl Fn(u32) -> Option<u32>) -> Self {
+        if self.is_flat() {
+            return Self::default();
+        }
+        let mut groups: Vec<u32> = vertices.iter().map(|&v| self.group[v as usize]).collect();
+        groups.sort_unstable();
+        groups.dedup();
+        let group = |v: &u32| groups.partition_point(|&g| g < self.group[*v as usize]) as u32;
+        let edge = |&g: &u32| {
+            let [a, b] = self.edge[g as usize];
+            number(a).zip(number(b)).map_or([0, 0], |(a, b)| [a, b])
+        };
+        Self {
+            group: vertices.iter().map(group).collect(),
+            groups: groups.len(),
+            coordinates: vertices.iter().map(|&v| self.coordinates[v as usize]).collect(),
+            edge: groups.iter().map(edge).collect(),
+        }
+    }
+
+    /// Whether each triangle shares a normal with one of those `chosen`.
+    pub(crate) fn beside(&self, triangles: &[[u32; 3]], chosen: &[bool]) -> Vec<bool> {
+        if self.is_flat() {
+            return chosen.to_vec();
+        }
+        let mut touched = vec![false; self.groups];
+        for (corners, _) in triangles.iter().zip(chosen).filter(|(_, c)| **c) {
+            self.groups_of(corners).into_iter().flatten().for_each(|g| touched[g] = true);
+        }
+        triangles.iter().map(|c| self.groups_of(c).into_iter().flatten().any(|g| touched[g])).collect()
+    }
+
     /// Whether triangles are flat.
     pub fn is_flat(&self) -> bool {
         self.group.is_empty()

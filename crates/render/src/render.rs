@@ -140,7 +140,7 @@ pub fn render_vjp(
         posed_normals_vjp(&surface.normals, positions, &surface.triangles, &d_normals, &mut d_positions);
     }
     let d_camera = project_vjp(camera, positions, &d_screen, &mut d_positions);
-    let texels = shade.texels.into_iter().zip(&surface.looks);
+    let texels = shade.texels.into_iter().zip(surface.looks.iter());
     let texels = texels.map(|(t, look)| look.texture.as_ref().map_or(Vec::new(), |m| t.collapsed(m))).collect();
     Gradients { positions: d_positions, camera: d_camera, light: shade.light, texels }
 }

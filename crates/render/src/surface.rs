@@ -5,6 +5,7 @@ use crate::normals::NormalRecipe;
 use crate::silhouette::Topology;
 use crate::texture::MipTexture;
 use animimic_scene::{AlphaMode, Look, Mesh};
+use std::sync::Arc;
 
 /// A drawable surface. Positions are given with each call, so one surface serves all poses and threads.
 #[derive(Clone, Debug, Default)]
@@ -15,8 +16,8 @@ pub struct Surface {
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`Surface::looks`] per triangle.
     pub look_of_triangle: Vec<u32>,
-    /// Looks; the last one is the default look of triangles that belong to no part.
-    pub looks: Vec<SurfaceLook>,
+    /// Looks; the last one is the default look of triangles that belong to no part. Parts of a surface share them.
+    pub looks: Arc<Vec<SurfaceLook>>,
     /// Texture coordinates per vertex; empty if none.
     pub uvs: Vec<[f32; 2]>,
     /// Linear vertex colours; empty if none.
@@ -78,7 +79,7 @@ impl Surface {
             unlit: look_of_triangle.iter().all(|&l| all[l as usize].unlit),
             look_of_triangle,
             has_cutouts: looks.iter().any(|l| l.cutoff.is_some()),
-            looks,
+            looks: Arc::new(looks),
             uvs: mesh.uvs.iter().map(|uv| [uv.x as f32, uv.y as f32]).collect(),
             colors: mesh.colors.clone(),
             normals: NormalRecipe::new(mesh),

@@ -10,6 +10,7 @@ use animimic_render::{
 };
 use animimic_scene::{Camera, Image, Look, Mesh, Part, Texture};
 use glam::{DAffine3, DQuat, DVec2, DVec3};
+use std::sync::Arc;
 
 const SIZE: u32 = 96;
 const SUPERSAMPLES: u32 = 16;
@@ -390,7 +391,7 @@ fn textured_scenes_have_an_exact_gradient_to_texels() {
         let linear = animimic_scene::image::linear_from_srgb;
         // All texels one byte up or down; the analytic step is the exact change of their linear values.
         let at = |step: i16, scene: &mut Scene| {
-            let texture = scene.surface.looks[0].texture.as_mut().expect("the scene is textured");
+            let texture = Arc::make_mut(&mut scene.surface.looks)[0].texture.as_mut().expect("the scene is textured");
             let level = &mut texture.levels[0];
             let mut change = 0.0f64;
             for (t, d) in level.texels.iter_mut().zip(&g.texels[0]) {

@@ -22,6 +22,7 @@ pub mod correspond;
 pub mod flesh;
 pub mod flips;
 pub mod given;
+pub mod layers;
 pub mod liveliness;
 pub mod polish;
 pub mod repeats;

@@ -5,6 +5,7 @@
 //! out from behind another. A search over a few angles per limb, scored by analysis and synthesis on small pictures, can.
 
 use super::correspond::Frame;
+use super::layers::Layers;
 use super::sight::{Sight, Studio};
 use super::subject::Subject;
 use animimic_math::so3;
@@ -31,13 +32,18 @@ const ANGLE_COST: f64 = 2e-4;
 
 /// How unlike a frame a drawing looks: mean colour difference over the union of rendered and observed object, in [0, 1].
 pub fn mismatch(sight: &Sight, image: &Image, mask: &Mask) -> f64 {
+    unlike(image, mask, &sight.image, |p| sight.raster.covered(p).then(|| sight.image.rgb[p]))
+}
+
+/// The same for a picture whose pixels show the model's colour, or none and `background`.
+fn unlike(image: &Image, mask: &Mask, background: &Image, color: impl Fn(usize) -> Option<[u8; 3]>) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
-    for p in 0..sight.raster.triangle.len() {
-        let (drawn, seen) = (sight.raster.covered(p), mask.coverage[p] >= 128);
-        if drawn || seen {
-            let (a, b) = (sight.image.rgb[p], image.rgb[p]);
+    for p in 0..image.rgb.len() {
+        let (drawn, seen) = (color(p), mask.coverage[p] >= 128);
+        if drawn.is_some() || seen {
+            let (a, b) = (drawn.unwrap_or(background.rgb[p]), image.rgb[p]);
             let d: f64 = (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).abs()).sum::<f64>() / 765.0;
-            sum += d.min(COLOR_CAP) + if drawn != seen { SILHOUETTE_PENALTY } else { 0.0 };
+            sum += d.min(COLOR_CAP) + if drawn.is_some() != seen { SILHOUETTE_PENALTY } else { 0.0 };
             count += 1;
         }
     }
@@ -70,6 +76,22 @@ impl Small {
             image: averaged(frame.image, w, h, factor),
             mask: Mask { width: w, height: h, coverage },
             background: averaged(frame.background, w, h, factor),
+        }
+    }
+
+    /// How unlike the reduced frame poses look, in [0, 1], of which the limb of `layers` is in another way than in `pose`.
+    fn scores<'a>(
+        &'a self,
+        subject: &'a Subject,
+        studio: &'a Studio,
+        layers: &'a Layers,
+        pose: &FramePose,
+    ) -> impl Fn(&FramePose) -> f64 + Sync + 'a {
+        let studio = Studio { camera: &self.camera, ..*studio };
+        let still = layers.still(subject, &studio, &self.background, &subject.posed(pose));
+        move |pose| {
+            let moving = layers.moving(subject, &studio, &self.background, &subject.posed(pose));
+            unlike(&self.image, &self.mask, &self.background, |p| layers.color(p, &moving, &still))
         }
     }
 
@@ -120,13 +142,15 @@ pub fn swing_limbs(
             if !moved[k] {
                 continue;
             }
-            let limb = &subject.limbs[if backwards { count - 1 - k } else { k }];
+            let which = if backwards { count - 1 - k } else { k };
+            let limb = &subject.limbs[which];
             let candidates = candidates(limb, scale);
+            let look = small.scores(subject, studio, &subject.layers[which], &best);
             let scores: Vec<f64> = candidates
                 .par_iter()
                 .map(|angles| {
                     let cost: f64 = angles.iter().map(|a| ANGLE_COST * a * a).sum();
-                    small.score(subject, studio, &swung(subject, &best, limb, angles, view_axis)) + cost
+                    look(&swung(subject, &best, limb, angles, view_axis)) + cost
                 })
                 .collect();
             let Some(c) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };

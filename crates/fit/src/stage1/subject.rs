@@ -1,6 +1,7 @@
 //! The model that is fitted: everything about it that does not change from frame to frame.
 
 use super::balls::Balls;
+use super::layers::Layers;
 use animimic_render::{RenderError, Surface};
 use animimic_rig::limbs::{Limb, align_hinges, lateral, limbs};
 use animimic_rig::smoothness::pseudo_anchors;
@@ -23,6 +24,8 @@ pub struct Subject<'a> {
     pub pseudo: Vec<Anchor>,
     /// Chains that can be swung as a whole.
     pub limbs: Vec<Limb>,
+    /// The surface in two parts, for each of them.
+    pub layers: Vec<Layers>,
     /// Sideways direction of the body, if its limbs tell.
     pub lateral: Option<DVec3>,
     /// Balls that keep parts from passing through each other.
@@ -44,10 +47,13 @@ impl<'a> Subject<'a> {
         let mut limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
         let lateral = lateral(&tree.kinematics, &limbs);
         lateral.into_iter().for_each(|l| align_hinges(&tree.kinematics, &mut limbs, l));
+        let surface = Surface::new(&asset.mesh, &asset.looks)?;
+        let above = |a: usize, j: usize| tree.kinematics.is_ancestor(a, j);
         Ok(Self {
             lateral,
+            layers: limbs.iter().map(|l| Layers::new(&surface, &vertices, l, above)).collect(),
             limbs,
-            surface: Surface::new(&asset.mesh, &asset.looks)?,
+            surface,
             diagonal,
             balls: Balls::new(&vertices, &asset.mesh.positions, tree.kinematics.len()),
             asset,
