@@ -1,17 +1,25 @@
 //! Cages for every model of a folder, against pytetwild.
 //!
 //! `cargo run --release -p animimic-sim --example tets -- DIR [docs/benchmarks.md RIVAL.jsonl]`, DIR with folders of models. One JSON line a
-//! model. With the path of `docs/benchmarks.md` and what `tetwild.py` beside this file prints for the same folder, the table there is
+//! model, and one with the slowest; fails where that takes longer than [`LIMIT_S`]. With the path of `docs/benchmarks.md` and what `tetwild.py` beside this file prints for the same folder, the table there is
 //! written anew.
 
 mod models;
 
 use animimic_sim::tet::{DEFAULT_TETS, Quality, cage, quality};
-use models::{cpu_s, models};
+use models::models;
 use serde_json::{Value, json};
 use std::path::Path;
 
+/// No model takes longer than this [CPU s, all threads together].
+const LIMIT_S: f64 = 5.0;
 const MARKS: [&str; 2] = ["<!-- tets: generated -->", "<!-- /tets -->"];
+
+/// CPU time of the process [s].
+fn cpu_s() -> f64 {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
+}
 
 fn measure(path: &Path) -> Result<Value, Box<dyn std::error::Error>> {
     let mesh = animimic_scene::io::read(path)?.mesh;
@@ -68,6 +76,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 ours.push((name, v));
             }
             Err(e) => println!("{}", json!({"model": name, "error": e.to_string()})),
+        }
+    }
+    let seconds = |v: &Value| v["cpu_s"].as_f64().unwrap_or(f64::INFINITY);
+    let slowest = ours.iter().max_by(|a, b| seconds(&a.1).total_cmp(&seconds(&b.1)));
+    if let Some((name, v)) = slowest {
+        println!("{}", json!({"slowest": name, "cpu_s": v["cpu_s"], "limit_s": LIMIT_S}));
+        if seconds(v) > LIMIT_S {
+            return Err(format!("{name} takes {} s, more than {LIMIT_S}", v["cpu_s"]).into());
         }
     }
     if let [_, _, page, rival] = &arguments[..] {

@@ -1,12 +1,6 @@
-//! Which models there are, and what time they take: shared with the test of cages.
+//! Which models there are: shared with the test of cages.
 
 use std::path::{Path, PathBuf};
-
-/// CPU time of the process [s].
-pub fn cpu_s() -> f64 {
-    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-    t.tv_sec as f64 + t.tv_nsec as f64 * 1e-9
-}
 
 /// Models in a folder and its folders, sorted.
 pub fn models(folder: &Path, out: &mut Vec<PathBuf>) {
