@@ -56,14 +56,14 @@ impl NormalRecipe {
     }
 
     /// The recipe of a part: `vertices` are those it has, by their number in the whole, and `number` is the opposite.
-    pub(crate) fn part(&self, vertices: &[u32], number: impl Fn(u32) -> Option<u32>) -> Self {
+    pub(crate) fn part(&self, vertices: &[usize], number: impl Fn(u32) -> Option<u32>) -> Self {
         if self.is_flat() {
             return Self::default();
         }
-        let mut groups: Vec<u32> = vertices.iter().map(|&v| self.group[v as usize]).collect();
+        let mut groups: Vec<u32> = vertices.iter().map(|&v| self.group[v]).collect();
         groups.sort_unstable();
         groups.dedup();
-        let group = |v: &u32| groups.partition_point(|&g| g < self.group[*v as usize]) as u32;
+        let group = |v: &usize| groups.partition_point(|&g| g < self.group[*v]) as u32;
         let edge = |&g: &u32| {
             let [a, b] = self.edge[g as usize];
             number(a).zip(number(b)).map_or([0, 0], |(a, b)| [a, b])
@@ -71,7 +71,7 @@ impl NormalRecipe {
         Self {
             group: vertices.iter().map(group).collect(),
             groups: groups.len(),
-            coordinates: vertices.iter().map(|&v| self.coordinates[v as usize]).collect(),
+            coordinates: vertices.iter().map(|&v| self.coordinates[v]).collect(),
             edge: groups.iter().map(edge).collect(),
         }
     }

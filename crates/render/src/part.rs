@@ -13,7 +13,7 @@ pub struct Part {
     /// The triangles by themselves.
     pub surface: Surface,
     /// Number in the whole of each of their vertices.
-    pub vertices: Vec<u32>,
+    pub vertices: Vec<usize>,
 }
 
 /// A surface in two parts.
@@ -35,12 +35,9 @@ impl Parts {
         // Their normals move too, and whoever has a share in those normals shows it.
         let shows = surface.normals.beside(all, &moved);
         let needed = surface.normals.beside(all, &shows);
-        let indices = |keep: &dyn Fn(usize) -> bool| -> Vec<usize> { (0..all.len()).filter(|&t| keep(t)).collect() };
-        Self {
-            moving: Part::new(surface, &indices(&|t| needed[t])),
-            still: Part::new(surface, &indices(&|t| !moved[t])),
-            shows: indices(&|t| needed[t]).into_iter().map(|t| shows[t]).collect(),
-        }
+        let moving: Vec<usize> = (0..all.len()).filter(|&t| needed[t]).collect();
+        let still: Vec<usize> = (0..all.len()).filter(|&t| !moved[t]).collect();
+        Self { moving: Part::new(surface, &moving), still: Part::new(surface, &still), shows: picked(&shows, &moving) }
     }
 
     /// Whether a pixel shows the part that moves: both parts drawn.
@@ -52,30 +49,34 @@ impl Parts {
 
 impl Part {
     fn new(whole: &Surface, triangles: &[usize]) -> Self {
-        let mut vertices: Vec<u32> = triangles.iter().flat_map(|&t| whole.triangles[t]).collect();
+        let corners = picked(&whole.triangles, triangles);
+        let mut vertices: Vec<u32> = corners.iter().flatten().copied().collect();
         vertices.sort_unstable();
         vertices.dedup();
+        let own: Vec<usize> = vertices.iter().map(|&v| v as usize).collect();
         let number = |v: u32| vertices.binary_search(&v).ok().map(|n| n as u32);
-        let renumbered = |v: u32| vertices.partition_point(|&u| u < v) as u32;
-        let of_vertices = |values: &[[f32; 2]]| -> Vec<[f32; 2]> {
-            vertices.iter().filter_map(|&v| values.get(v as usize).copied()).collect()
-        };
+        let renumbered = |v: u32| number(v).expect("the vertices are those of the corners");
         let surface = Surface {
             vertex_count: vertices.len(),
-            triangles: triangles.iter().map(|&t| whole.triangles[t].map(renumbered)).collect(),
-            look_of_triangle: triangles.iter().map(|&t| whole.look_of_triangle[t]).collect(),
+            triangles: corners.iter().map(|c| c.map(renumbered)).collect(),
+            look_of_triangle: picked(&whole.look_of_triangle, triangles),
             looks: whole.looks.clone(),
-            uvs: of_vertices(&whole.uvs),
-            colors: vertices.iter().filter_map(|&v| whole.colors.get(v as usize).copied()).collect(),
-            normals: whole.normals.part(&vertices, number),
-            cull_back: triangles.iter().filter_map(|&t| whole.cull_back.get(t).copied()).collect(),
+            uvs: picked(&whole.uvs, &own),
+            colors: picked(&whole.colors, &own),
+            normals: whole.normals.part(&own, number),
+            cull_back: picked(&whole.cull_back, triangles),
             topology: Default::default(),
             plain: whole.plain,
             unlit: whole.unlit,
             has_cutouts: whole.has_cutouts,
         };
-        Self { surface, vertices }
+        Self { surface, vertices: own }
     }
+}
+
+/// Some of the values; none of what a surface has none of.
+fn picked<T: Copy>(values: &[T], which: &[usize]) -> Vec<T> {
+    which.iter().filter_map(|&k| values.get(k).copied()).collect()
 }
 
 #[cfg(test)]
@@ -110,7 +111,7 @@ mod tests {
             };
             for turn in [0.0, 0.5, -0.9] {
                 let x = pose(turn);
-                let of = |part: &Part| part.vertices.iter().map(|&v| x[v as usize]).collect::<Vec<_>>();
+                let of = |part: &Part| part.vertices.iter().map(|&v| x[v]).collect::<Vec<_>>();
                 let (whole, rgb) = drawn(&surface, &x);
                 let (moving, moving_rgb) = drawn(&parts.moving.surface, &of(&parts.moving));
                 let (still, still_rgb) = drawn(&parts.still.surface, &of(&parts.still));

@@ -129,10 +129,9 @@ fn clip(
     let mut again = None;
     if kept && solve {
         // Poses solved once more explain any frames better: softness has to beat skinning with as much search.
-        let rival = turn(stage, &vec![0.0; asset.mesh.positions.len()], ROUNDS[1], rival)?;
-        let frames = energies(stage, &rival.surfaces);
-        kept = better(&frames, &verdict.frames[1]);
-        again = Some(frames);
+        let skin = turn(stage, &vec![0.0; asset.mesh.positions.len()], ROUNDS[1], rival)?.frames;
+        kept = better(&skin, &verdict.frames[1]);
+        again = Some(skin);
     }
     if let Some(dense) = dense {
         (softened, shown) = made(dense, asked)?;

@@ -25,6 +25,8 @@ pub struct Together {
     pub poses: Vec<Pose>,
     /// The surface \[frame\]\[vertex\].
     pub surfaces: Vec<Vec<DVec3>>,
+    /// Energy of each frame of it.
+    pub frames: Vec<f64>,
     /// Energy of the surface before, and after each round.
     pub energies: Vec<f64>,
 }
@@ -73,8 +75,9 @@ pub fn together(
         Ok(soft)
     };
     let mut surfaces = surface(poses)?;
-    let mut least: f64 = energies(stage, &surfaces).iter().sum();
-    let mut best = Together { poses: poses.to_vec(), surfaces: surfaces.clone(), energies: vec![least] };
+    let seen = energies(stage, &surfaces);
+    let mut least: f64 = seen.iter().sum();
+    let mut best = Together { poses: poses.to_vec(), surfaces: surfaces.clone(), frames: seen, energies: vec![least] };
     let mut frames: Vec<FramePose> = poses.iter().map(|p| subject.tree.frame(rig, p)).collect();
     for round in 0..turns.rounds {
         go_on()?;
@@ -86,12 +89,13 @@ pub fn together(
         stage.flesh = None;
         let solved: Vec<Pose> = frames.iter().map(|f| subject.file_pose(f)).collect();
         surfaces = surface(&solved)?;
-        let energy: f64 = energies(stage, &surfaces).iter().sum();
+        let seen = energies(stage, &surfaces);
+        let energy: f64 = seen.iter().sum();
         best.energies.push(energy);
         let gain = 1.0 - energy / least;
         if gain > 0.0 {
             least = energy;
-            (best.poses, best.surfaces) = (solved, surfaces.clone());
+            (best.poses, best.surfaces, best.frames) = (solved, surfaces.clone(), seen);
         }
         let hopeless = round == 0 && turns.rival.is_some_and(|rival| least > HOPELESS * rival);
         if hopeless || round > 0 && gain < SETTLED {

@@ -3,8 +3,9 @@
 use super::sight::{Studio, drawn_over};
 use super::subject::Subject;
 use animimic_render::{Part, Parts, Raster, rasterize_surface, shade};
+use animimic_rig::Posed;
+use animimic_rig::anchor::Share;
 use animimic_rig::limbs::Limb;
-use animimic_rig::{Anchor, Posed};
 use animimic_scene::Image;
 use glam::DVec3;
 
@@ -20,16 +21,11 @@ pub struct Layer {
 }
 
 impl Layers {
-    /// Parts a surface by what hangs on a limb's first lever; `above` says whether a joint is another one or above it.
-    pub fn new(
-        surface: &animimic_render::Surface,
-        vertices: &[Anchor],
-        limb: &Limb,
-        above: impl Fn(usize, usize) -> bool,
-    ) -> Self {
-        let top = limb.levers.first().copied();
-        let moves = |v: usize| top.is_some_and(|top| vertices[v].shares.iter().any(|s| above(top, s.joint)));
-        Self { parts: Parts::new(surface, moves) }
+    /// Parts a model by what hangs on a limb's first lever.
+    pub fn new(subject: &Subject, limb: &Limb) -> Self {
+        let kinematics = &subject.tree.kinematics;
+        let hangs = |s: &Share| limb.levers.first().is_some_and(|&top| kinematics.is_ancestor(top, s.joint));
+        Self { parts: Parts::new(&subject.surface, |v| subject.vertices[v].shares.iter().any(hangs)) }
     }
 
     /// Draws what the limb does not move.
@@ -53,7 +49,7 @@ impl Layers {
 }
 
 fn layer(part: &Part, subject: &Subject, studio: &Studio, background: &Image, posed: &Posed) -> Layer {
-    let x: Vec<DVec3> = part.vertices.iter().map(|&v| subject.vertices[v as usize].position(posed)).collect();
+    let x: Vec<DVec3> = part.vertices.iter().map(|&v| subject.vertices[v].position(posed)).collect();
     let raster = rasterize_surface(studio.camera, &part.surface, &x, false);
     let rgb = shade(studio.camera, &part.surface, &x, &raster, studio.light, [0.0; 3], false);
     Layer { image: drawn_over(background, &raster, &rgb), raster }

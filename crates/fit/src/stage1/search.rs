@@ -145,7 +145,7 @@ pub fn swing_limbs(
             let which = if backwards { count - 1 - k } else { k };
             let limb = &subject.limbs[which];
             let candidates = candidates(limb, scale);
-            let look = small.scores(subject, studio, &subject.layers[which], &best);
+            let look = small.scores(subject, studio, subject.layers(which), &best);
             let scores: Vec<f64> = candidates
                 .par_iter()
                 .map(|angles| {
@@ -156,8 +156,9 @@ pub fn swing_limbs(
             let Some(c) = (0..scores.len()).min_by(|&a, &b| scores[a].total_cmp(&scores[b])) else { continue };
             moved[k] = scores[c] < score;
             if moved[k] {
-                best = swung(subject, &best, limb, &candidates[c], view_axis);
-                score = small.score(subject, studio, &best);
+                let pose = swung(subject, &best, limb, &candidates[c], view_axis);
+                score = look(&pose);
+                best = pose;
             }
         }
     }

@@ -9,6 +9,7 @@ use animimic_rig::solve_tree::SolveTree;
 use animimic_rig::{Anchor, FramePose, Posed};
 use animimic_scene::{Asset, Pose};
 use glam::DVec3;
+use std::sync::OnceLock;
 
 /// A rigged, textured model made ready for fitting.
 pub struct Subject<'a> {
@@ -24,8 +25,8 @@ pub struct Subject<'a> {
     pub pseudo: Vec<Anchor>,
     /// Chains that can be swung as a whole.
     pub limbs: Vec<Limb>,
-    /// The surface in two parts, for each of them.
-    pub layers: Vec<Layers>,
+    /// The surface in two parts for each of them, made when first asked for.
+    layers: OnceLock<Vec<Layers>>,
     /// Sideways direction of the body, if its limbs tell.
     pub lateral: Option<DVec3>,
     /// Balls that keep parts from passing through each other.
@@ -47,13 +48,11 @@ impl<'a> Subject<'a> {
         let mut limbs = limbs(&tree.kinematics, &tips(&tree, &vertices, &asset.mesh.positions), diagonal);
         let lateral = lateral(&tree.kinematics, &limbs);
         lateral.into_iter().for_each(|l| align_hinges(&tree.kinematics, &mut limbs, l));
-        let surface = Surface::new(&asset.mesh, &asset.looks)?;
-        let above = |a: usize, j: usize| tree.kinematics.is_ancestor(a, j);
         Ok(Self {
             lateral,
-            layers: limbs.iter().map(|l| Layers::new(&surface, &vertices, l, above)).collect(),
             limbs,
-            surface,
+            layers: OnceLock::new(),
+            surface: Surface::new(&asset.mesh, &asset.looks)?,
             diagonal,
             balls: Balls::new(&vertices, &asset.mesh.positions, tree.kinematics.len()),
             asset,
@@ -61,6 +60,11 @@ impl<'a> Subject<'a> {
             vertices,
             pseudo,
         })
+    }
+
+    /// The surface in two parts: limb number `limb`, and the rest.
+    pub fn layers(&self, limb: usize) -> &Layers {
+        &self.layers.get_or_init(|| self.limbs.iter().map(|l| Layers::new(self, l)).collect())[limb]
     }
 
     /// Forward kinematics.
