@@ -7,6 +7,7 @@
 pub mod animate;
 pub mod batch;
 pub mod camera;
+mod crossings;
 pub mod cues;
 pub mod doctor;
 pub mod error;

@@ -17,7 +17,6 @@ mod track_error;
 mod vertex_error;
 mod volume_change;
 
-pub use self_intersections::{crossing_triangles, intersecting_pairs};
 pub use volume_change::enclosed_volume;
 
 use crate::truth::Truth;

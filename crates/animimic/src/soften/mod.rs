@@ -3,6 +3,7 @@
 //! read → cage → simulate → give way → export → pictures → report. Everything is computed before the first file is written.
 
 pub(crate) mod body;
+mod circles;
 mod deliver;
 pub(crate) mod filmed;
 pub mod softness;

@@ -6,11 +6,12 @@
 //! regions cross each other no more than when skinned, their crossings only lie elsewhere, and they stay soft. Every place has a
 //! circle of its own, which begins small and grows only while that place is still crossed, until no more is crossed than by skinning.
 
-use crate::metrics::crossing_triangles;
+use super::circles::Circles;
+use crate::crossings::Crossings;
 use animimic_scene::Mesh;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Rounds in which circles appear and grow; then all of the surface is skinned.
 const ROUNDS: usize = 24;
@@ -40,53 +41,59 @@ pub struct Yielded {
 /// Blends `soft` towards `skinned` (\[frame\]\[vertex\]) where that lessens crossings, until neither their sum over frames nor
 /// their largest number in a frame exceeds that of skinning.
 pub fn give_way(mesh: &Mesh, skinned: &[Vec<DVec3>], soft: &mut [Vec<DVec3>]) -> Yielded {
-    let crossings = |frames: &[Vec<DVec3>]| -> Vec<Vec<[u32; 2]>> {
-        frames.par_iter().map(|x| crossing_triangles(mesh, x)).collect()
-    };
+    let crossings = Crossings::new(mesh);
+    let all = |frames: &[Vec<DVec3>]| frames.par_iter().map(|x| crossings.pairs(x)).collect::<Vec<_>>();
     let sum = |pairs: &[Vec<[u32; 2]>]| pairs.iter().map(Vec::len).sum::<usize>();
     let most = |pairs: &[Vec<[u32; 2]>]| pairs.iter().map(Vec::len).max().unwrap_or(0);
-    let allowed = crossings(skinned);
-    let mut now = crossings(soft);
+    let allowed = all(skinned);
+    let mut now = all(soft);
     let (skinned_pairs, soft_pairs) = (sum(&allowed), sum(&now));
-    let full: Vec<Vec<DVec3>> = soft.to_vec();
+    let fine = |now: &[Vec<[u32; 2]>]| sum(now) <= skinned_pairs && most(now) <= most(&allowed);
     let mut share = vec![0.0f64; mesh.positions.len()];
+    if fine(&now) {
+        return Yielded { skinned_pairs, soft_pairs, pairs: soft_pairs, share: 0.0 };
+    }
+    let full: Vec<Vec<DVec3>> = soft.to_vec();
     let mut circles = vec![0.0f64; mesh.positions.len()];
     let region = regions(mesh);
-    let fine = |now: &[Vec<[u32; 2]>]| sum(now) <= skinned_pairs && most(now) <= most(&allowed);
-    let blend = |share: &[f64], soft: &mut [Vec<DVec3>]| {
-        soft.par_iter_mut().zip(&full).zip(skinned).for_each(|((x, full), skin)| {
-            for ((x, full), (skin, s)) in x.iter_mut().zip(full).zip(skin.iter().zip(share)) {
-                *x = if *s == 1.0 { *skin } else { full.lerp(*skin, *s) };
+    // Between two blends only some vertices move, and only their triangles are asked about anew.
+    let blend = |from: &[f64], to: &[f64], before: &[Vec<[u32; 2]>], soft: &mut [Vec<DVec3>]| {
+        let moved: Vec<bool> = from.iter().zip(to).map(|(a, b)| a != b).collect();
+        let one = |(t, x): (usize, &mut Vec<DVec3>)| {
+            for v in (0..x.len()).filter(|&v| moved[v]) {
+                x[v] = if to[v] == 1.0 { skinned[t][v] } else { full[t][v].lerp(skinned[t][v], to[v]) };
             }
-        });
-        crossings(soft)
+            crossings.pairs_after(x, &moved, &before[t])
+        };
+        soft.par_iter_mut().enumerate().map(one).collect::<Vec<_>>()
     };
     for round in 0..=ROUNDS {
         if fine(&now) {
             break;
         }
-        if round == ROUNDS {
-            share.fill(1.0);
+        let wider = if round == ROUNDS {
+            vec![1.0; share.len()]
         } else {
             for v in newly_crossed(mesh, &region, &allowed, &now) {
                 circles[v] = (GROWTH * circles[v]).max(RADIUS * mesh.diagonal());
             }
-            share = shares(mesh, &circles);
-        }
-        now = blend(&share, soft);
+            shares(mesh, &circles, 1.0)
+        };
+        now = blend(&share, &wider, &now, soft);
+        share = wider;
     }
     // The last circles came late: smaller ones may do.
-    if share.iter().any(|s| *s > 0.0) {
-        let smaller = SHRINK.iter().find_map(|factor| {
-            let less = shares(mesh, &circles.iter().map(|r| factor * r).collect::<Vec<_>>());
-            let trial = blend(&less, soft);
-            fine(&trial).then_some((less, trial))
-        });
-        match smaller {
-            Some(found) => (share, now) = found,
-            None => now = blend(&share, soft),
+    let (mut tried, mut at) = (share.clone(), now.clone());
+    for factor in SHRINK {
+        let less = shares(mesh, &circles, factor);
+        at = blend(&tried, &less, &at, soft);
+        tried = less;
+        if fine(&at) {
+            (share, now) = (tried.clone(), at.clone());
+            break;
         }
     }
+    blend(&tried, &share, &at, soft);
     let share = share.iter().sum::<f64>() / share.len().max(1) as f64;
     Yielded { skinned_pairs, soft_pairs, pairs: sum(&now), share }
 }
@@ -119,10 +126,10 @@ fn newly_crossed(mesh: &Mesh, region: &[[i32; 3]], allowed: &[Vec<[u32; 2]>], no
     let mut worst: Vec<_> = net.into_iter().filter(|n| n.1 > 0).collect();
     worst.sort_by_key(|n| (-n.1, n.0));
     let mut left = surplus(&frames).max(1);
-    let mut chosen = Vec::new();
+    let mut chosen = BTreeSet::new();
     for (pair, more) in worst {
         if left > 0 {
-            chosen.push(pair);
+            chosen.insert(pair);
         }
         left -= more;
     }
@@ -136,14 +143,12 @@ fn newly_crossed(mesh: &Mesh, region: &[[i32; 3]], allowed: &[Vec<[u32; 2]>], no
     corners
 }
 
-/// 1 within the circle (radius \[vertex\], 0 for none) of any vertex, falling off smoothly to 0 at [`REACH`] radii.
-fn shares(mesh: &Mesh, circles: &[f64]) -> Vec<f64> {
-    let drawn: Vec<(DVec3, f64)> =
-        mesh.positions.iter().zip(circles).filter(|(_, r)| **r > 0.0).map(|(x, r)| (*x, *r)).collect();
+/// 1 within the circle (`factor` times its radius \[vertex\], 0 for none) of any vertex, falling off smoothly to 0 at [`REACH`] radii.
+fn shares(mesh: &Mesh, radii: &[f64], factor: f64) -> Vec<f64> {
+    let drawn = mesh.positions.iter().zip(radii).filter(|(_, r)| **r > 0.0);
+    let circles = Circles::new(drawn.map(|(x, r)| (*x, factor * r)).collect());
     let one = |x: &DVec3| {
-        let radii = drawn.iter().map(|(center, r)| center.distance_squared(*x) / (r * r));
-        let nearest = radii.fold(f64::INFINITY, f64::min).sqrt();
-        let u = ((REACH - nearest) / (REACH - 1.0)).clamp(0.0, 1.0);
+        let u = ((REACH - circles.nearest(*x, REACH)) / (REACH - 1.0)).clamp(0.0, 1.0);
         u * u * (3.0 - 2.0 * u)
     };
     mesh.positions.par_iter().map(one).collect()
@@ -152,7 +157,7 @@ fn shares(mesh: &Mesh, circles: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::metrics::{fixtures, intersecting_pairs};
+    use crate::metrics::fixtures;
 
     /// Three octahedra in a row, the third far off; in the soft clip the second has drifted into the first, and the third just drifts.
     #[test]
@@ -180,6 +185,7 @@ mod tests {
         println!("{yielded:?}");
         assert!(yielded.soft_pairs > 0 && yielded.pairs == 0 && yielded.share > 0.0);
         assert_eq!(soft[2][12..], drift(2)[12..], "what crosses nothing stays soft beside what crosses");
-        assert!(soft.iter().all(|x| intersecting_pairs(&mesh, x) == 0));
+        let crossings = Crossings::new(&mesh);
+        assert!(soft.iter().all(|x| crossings.count(x) == 0));
     }
 }
