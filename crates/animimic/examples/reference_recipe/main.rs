@@ -122,7 +122,7 @@ fn compare(case: &Path, frames: usize) -> Result<(), Box<dyn Error>> {
         (rounds / 2..rounds).for_each(|_| drop(stage.finish(poses)));
     });
     race.step(&mut poses, |poses| {
-        stage.polish(poses);
+        stage.polish(poses, animimic_fit::stage1::polish::SETTLED);
     });
     race.end();
     Ok(())

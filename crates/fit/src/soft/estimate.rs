@@ -243,16 +243,18 @@ impl Problem<'_, '_> {
 
     /// The best of a coarse grid around a material: far away, linearised motions are no guide.
     fn scan(&self, around: &Elasticity, changes: &[f64], dampings: &[f64]) -> Result<State, FitError> {
+        let tries: Vec<(f64, f64)> = dampings.iter().flat_map(|d| changes.iter().map(|c| (*d, *c))).collect();
+        let one = |&(damping, change): &(f64, f64)| {
+            let mut trial = around.clone();
+            let open = self.prior_deviations.iter().map(|d| f64::from(u8::from(*d >= OPEN)));
+            trial.ln_youngs.iter_mut().zip(open).for_each(|(l, o)| *l += o * change);
+            self.run(trial, damping)
+        };
+        // The first of the best, as if they were tried one by one.
         let mut best: Option<State> = None;
-        for &damping in dampings {
-            for change in changes {
-                let mut trial = around.clone();
-                let open = self.prior_deviations.iter().map(|d| f64::from(u8::from(*d >= OPEN)));
-                trial.ln_youngs.iter_mut().zip(open).for_each(|(l, o)| *l += o * change);
-                let state = self.run(trial, damping)?;
-                if best.as_ref().is_none_or(|b| state.energy < b.energy) {
-                    best = Some(state);
-                }
+        for state in tries.par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
+            if best.as_ref().is_none_or(|b| state.energy < b.energy) {
+                best = Some(state);
             }
         }
         best.ok_or_else(|| FitError::Input("nothing was tried".into()))

@@ -127,7 +127,8 @@ pub fn learn(
             prior_deviations: &deviations,
             groups: Some(&groups),
             damping: false,
-            pictures: true,
+            // What is coarse is told by where points are; pictures take several times as long.
+            pictures: round + 1 == rounds,
         };
         let next = problem.fit(&prior, found.as_ref(), wish.steps)?;
         first = first.or(Some(next.energies[0]));

@@ -46,6 +46,8 @@ pub struct Turns<'a> {
 
 /// A round that lowers the energy by less than this share is the last.
 const SETTLED: f64 = 0.02;
+/// A step of a polish that gains less than this share is its last: the next turn polishes on.
+const POLISHED: f64 = 2e-3;
 /// So many times the rival's energy before rendered terms count will not come down to it: they take off a tenth or so.
 const HOPELESS: f64 = 1.15;
 
@@ -84,7 +86,7 @@ pub fn together(
         stage.flesh = soft.then(|| Flesh::new(subject, &loose, &frames, &surfaces));
         stage.finish(&mut frames);
         if turns.rival.is_some() && round > 0 {
-            stage.polish(&mut frames);
+            stage.polish(&mut frames, POLISHED);
         }
         stage.flesh = None;
         let solved: Vec<Pose> = frames.iter().map(|f| subject.file_pose(f)).collect();

@@ -91,21 +91,22 @@ fn nearest_feature(width: usize, height: usize, features: &[usize]) -> Vec<u32> 
     for (i, &p) in features.iter().enumerate() {
         column[p] = i as u32;
     }
-    let row_of = |i: u32| features[i as usize] / width;
-    for x in 0..width {
-        for y in 1..height {
-            nearer_row(&mut column, &row_of, y * width + x, (y - 1) * width + x, y);
-        }
-        for y in (0..height.saturating_sub(1)).rev() {
-            nearer_row(&mut column, &row_of, y * width + x, (y + 1) * width + x, y);
-        }
+    // Row by row, as memory lies.
+    let rows: Vec<u32> = features.iter().map(|p| (p / width) as u32).collect();
+    for y in 1..height {
+        let (above, here) = column[(y - 1) * width..(y + 1) * width].split_at_mut(width);
+        here.iter_mut().zip(&*above).for_each(|(here, above)| nearer_row(here, *above, &rows, y));
+    }
+    for y in (0..height.saturating_sub(1)).rev() {
+        let (here, below) = column[y * width..(y + 2) * width].split_at_mut(width);
+        here.iter_mut().zip(&*below).for_each(|(here, below)| nearer_row(here, *below, &rows, y));
     }
     let mut nearest = vec![u32::MAX; width * height];
     let (mut hull, mut starts) = (Vec::new(), Vec::new());
     for y in 0..height {
         let squared_rise = |x: usize| -> Option<i64> {
             let i = column[y * width + x];
-            (i != u32::MAX).then(|| (row_of(i) as i64 - y as i64).pow(2))
+            (i != u32::MAX).then(|| (i64::from(rows[i as usize]) - y as i64).pow(2))
         };
         hull.clear();
         starts.clear();
@@ -150,13 +151,11 @@ fn nearest_feature(width: usize, height: usize, features: &[usize]) -> Vec<u32> 
     nearest
 }
 
-fn nearer_row(column: &mut [u32], row_of: &impl Fn(u32) -> usize, here: usize, there: usize, y: usize) {
-    let candidate = column[there];
-    if candidate != u32::MAX {
-        let distance = row_of(candidate).abs_diff(y);
-        if column[here] == u32::MAX || distance < row_of(column[here]).abs_diff(y) {
-            column[here] = candidate;
-        }
+/// Takes over the candidate of the next row where its feature's row is nearer to row `y`.
+fn nearer_row(here: &mut u32, candidate: u32, rows: &[u32], y: usize) {
+    let distance = |i: u32| (rows[i as usize] as usize).abs_diff(y);
+    if candidate != u32::MAX && (*here == u32::MAX || distance(candidate) < distance(*here)) {
+        *here = candidate;
     }
 }
 

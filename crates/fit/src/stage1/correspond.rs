@@ -67,12 +67,26 @@ const EDGE_MARGIN: isize = 2;
 /// Margin around the object when pictures are cut out for the flow [px].
 const CROP_MARGIN: usize = 24;
 
+/// Dense flow from a rendering to a frame, around the object.
+pub struct FlowAround {
+    window: Window,
+    vectors: Vec<[f32; 2]>,
+}
+
+impl FlowAround {
+    /// Nothing where neither rendering nor frame shows the object.
+    pub fn new(sight: &Sight, frame: &Frame, flow: &Flow) -> Option<Self> {
+        let window = Window::around(sight, frame.mask)?;
+        let vectors = flow(&window.cut(&sight.image), &window.cut(frame.image));
+        Some(Self { window, vectors })
+    }
+}
+
 /// Appearance correspondences: flow from the rendering to the frame at a grid of visible surface points.
-pub fn by_flow(subject: &Subject, sight: &Sight, frame: &Frame, flow: &Flow, out: &mut Correspondences) {
+pub fn by_flow(subject: &Subject, sight: &Sight, frame: &Frame, found: Option<FlowAround>, out: &mut Correspondences) {
     let raster = &sight.raster;
     let (w, h) = (raster.width, raster.height);
-    let Some(window) = Window::around(sight, frame.mask) else { return };
-    let vectors = flow(&window.cut(&sight.image), &window.cut(frame.image));
+    let Some(FlowAround { window, vectors }) = found else { return };
     let covered = raster.triangle.iter().filter(|&&t| t != NONE).count();
     let stride = ((covered as f64 / POINTS as f64).sqrt().round() as usize).max(1);
     for y in (stride / 2..h).step_by(stride) {
@@ -111,9 +125,15 @@ pub fn by_flow(subject: &Subject, sight: &Sight, frame: &Frame, flow: &Flow, out
 }
 
 /// Silhouette correspondences within `reach` pixels, from the rendered to the observed contour and back. `bias` is how far the
-/// observed contour lies outside the rendered one when both show the same [px].
-pub fn by_contour(subject: &Subject, sight: &Sight, frame: &Frame, reach: f64, bias: f64, out: &mut Correspondences) {
-    let rendered = Contour::new(&sight.raster.mask());
+/// observed contour lies outside the `rendered` one when both show the same [px].
+pub fn by_contour(
+    subject: &Subject,
+    (sight, rendered): (&Sight, &Contour),
+    frame: &Frame,
+    reach: f64,
+    bias: f64,
+    out: &mut Correspondences,
+) {
     for (r, o) in rendered.pairs(&frame.contour, reach, CONTOUR_POINTS) {
         let (p, q) = (rendered.points[r], frame.contour.points[o]);
         let pixel = p.y as usize * sight.raster.width + p.x as usize;

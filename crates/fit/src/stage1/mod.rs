@@ -164,7 +164,7 @@ pub fn fit(
     })?;
     let energies = finish(&mut steps, &mut frames, half..rounds, (FLIPPED_AT, POLISH_AT), progress)?;
     go_on(progress, Phase::Polish, POLISH_AT)?;
-    let curves = stage.polish(&mut frames);
+    let curves = stage.polish(&mut frames, polish::SETTLED);
     let mismatch = stage.mismatches(&frames);
     let certainty = stage.certainty(&frames, &mismatch);
     let poses = frames.iter().map(|f| subject.file_pose(f)).collect();

@@ -21,8 +21,8 @@ use std::sync::atomic::Ordering;
 
 /// Damping of the metric.
 const DAMPING: f64 = 1e-2;
-/// A step that gains less than this share of the energy is the last.
-const TOLERANCE: f64 = 1e-4;
+/// A step that gains less than this share of the energy is the last of the fit.
+pub const SETTLED: f64 = 1e-4;
 
 /// A term's energy after each step.
 #[derive(Clone, Debug)]
@@ -34,8 +34,9 @@ pub struct Curve {
 }
 
 impl Stage<'_> {
-    /// Polishes all frames; returns the energy of each term after each step.
-    pub fn polish(&self, poses: &mut Vec<FramePose>) -> Vec<Curve> {
+    /// Polishes all frames until a step gains less than the share `settled` of the energy; returns the energy of each term after
+    /// each step.
+    pub fn polish(&self, poses: &mut Vec<FramePose>, settled: f64) -> Vec<Curve> {
         let s = &self.settings;
         let strength = self.finishing_strength();
         if s.polish_steps == 0 || (s.rgb <= 0.0 && s.mask <= 0.0) {
@@ -63,7 +64,7 @@ impl Stage<'_> {
                 metric,
             };
             let Descent { end, history, not_finite } =
-                minimise(&combined, std::mem::take(poses), s.polish_steps, TOLERANCE);
+                minimise(&combined, std::mem::take(poses), s.polish_steps, settled);
             *poses = end;
             self.not_finite.fetch_add(not_finite, Ordering::Relaxed);
             let names = ["flow", "contour", "tracks", "depth", "priors", "penetration", "smoothness", "rgb", "mask"];
@@ -160,7 +161,7 @@ mod tests {
             let with = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
                 let mut poses = start.clone();
-                let curves = pool.install(|| stage.polish(&mut poses));
+                let curves = pool.install(|| stage.polish(&mut poses, SETTLED));
                 (poses, curves)
             };
             let (one, three) = (with(1), with(3));

@@ -1,6 +1,7 @@
 //! Draw the model where it is believed to be, see where its points went, move it there: one frame, or all together.
 
-use super::correspond::{Correspondences, Flow, Frame, by_contour, by_flow};
+use super::contour::Contour;
+use super::correspond::{Correspondences, Flow, FlowAround, Frame, by_contour, by_flow};
 use super::flesh::Flesh;
 use super::given::Given;
 use super::search::mismatch;
@@ -59,11 +60,14 @@ impl Stage<'_> {
     /// Finds the correspondences of a drawing in a frame.
     pub fn correspond_to(&self, sight: &Sight, frame: usize, reach_px: f64) -> Correspondences {
         let mut found = Correspondences::default();
-        if !self.given.add_tracks(self.subject, frame, &mut found) {
-            by_flow(self.subject, sight, &self.frames[frame], self.flow, &mut found);
-        }
+        let (seen, tracked) = (&self.frames[frame], self.given.add_tracks(self.subject, frame, &mut found));
+        let (flow, rendered) = rayon::join(
+            || if tracked { None } else { FlowAround::new(sight, seen, self.flow) },
+            || Contour::new(&sight.raster.mask()),
+        );
+        by_flow(self.subject, sight, seen, flow, &mut found);
         self.given.add_depth(self.studio.camera, frame, &mut found);
-        by_contour(self.subject, sight, &self.frames[frame], reach_px, self.contour_bias_px, &mut found);
+        by_contour(self.subject, (sight, &rendered), seen, reach_px, self.contour_bias_px, &mut found);
         if let Some(flesh) = &self.flesh {
             let vertices = flesh.anchors(frame);
             found.anchors = found.points.iter().map(|p| p.anchor_of(&vertices)).collect();

@@ -95,10 +95,9 @@ impl Stage<'_> {
         each: &mut dyn FnMut(&Beam) -> Result<(), FitError>,
     ) -> Result<Option<Tracked>, FitError> {
         for t in beam.frames()..self.frames.len() {
-            let mut next = Vec::new();
-            for (rank, story) in beam.stories.iter().enumerate() {
-                next.extend(self.continued(story, t, guesses, rank < SWINGING));
-            }
+            let stories = beam.stories.par_iter().enumerate();
+            let continued = stories.map(|(rank, story)| self.continued(story, t, guesses, rank < SWINGING));
+            let mut next: Vec<Story> = continued.collect::<Vec<_>>().into_iter().flatten().collect();
             next.sort_by(|a, b| a.cost.total_cmp(&b.cost));
             let mut kept: Vec<Story> = Vec::new();
             let limit = next[0].cost + GIVE_UP * self.usual_mismatch;

@@ -205,7 +205,7 @@ impl<'a> Template<'a> {
 
     /// Mean-normalised squared error at displacement u and Σ Sᵀ r.
     #[inline(always)]
-    fn residual(&self, b: &Bordered, u: [f32; 2]) -> (f32, f32, f32) {
+    fn residual(&self, b: &Bordered, u: [f32; 2]) -> Residual {
         let window = b.window(self.x as f32 + u[0], self.y as f32 + u[1]);
         let mut sums = [[0.0f32; PATCH]; 4];
         for r in 0..PATCH {
@@ -221,20 +221,23 @@ impl<'a> Template<'a> {
             }
         }
         let [d, dd, dx, dy] = sums.map(|s| s.iter().sum::<f32>());
-        (dd - d * d / PIXELS, dx - d * self.sum_gx / PIXELS, dy - d * self.sum_gy / PIXELS)
+        Residual { error: dd - d * d / PIXELS, slope: [dx - d * self.sum_gx / PIXELS, dy - d * self.sum_gy / PIXELS] }
     }
 
-    /// Descends from `start` while the error falls.
-    fn descend(&self, b: &Bordered, start: [f32; 2], steps: usize) -> ([f32; 2], f32) {
+    /// Descends from `start`, with what is left there, while the error falls.
+    fn descend(&self, b: &Bordered, start: [f32; 2], there: Residual, steps: usize) -> [f32; 2] {
         let mut best = (start, f32::INFINITY);
-        let mut u = start;
-        for _ in 0..steps {
-            let (error, bx, by) = self.residual(b, u);
-            if error >= best.1 {
+        let (mut u, mut left) = (start, there);
+        for step in 0..steps {
+            if step > 0 {
+                left = self.residual(b, u);
+            }
+            if left.error >= best.1 {
                 break;
             }
-            best = (u, error);
-            let step = [self.inverse[0] * bx + self.inverse[1] * by, self.inverse[1] * bx + self.inverse[2] * by];
+            best = (u, left.error);
+            let [x, y] = left.slope;
+            let step = [self.inverse[0] * x + self.inverse[1] * y, self.inverse[1] * x + self.inverse[2] * y];
             u = [u[0] - step[0], u[1] - step[1]];
             let size = step[0].abs().max(step[1].abs());
             if size.is_nan() || size <= 0.01 {
@@ -242,8 +245,16 @@ impl<'a> Template<'a> {
             }
         }
         let drift = (best.0[0] - start[0]).hypot(best.0[1] - start[1]);
-        if drift > MAX_DRIFT { (start, self.residual(b, start).0) } else { best }
+        if drift > MAX_DRIFT { start } else { best.0 }
     }
+}
+
+/// What a displacement leaves of a patch's difference.
+#[derive(Clone, Copy)]
+struct Residual {
+    error: f32,
+    /// Σ Sᵀ r.
+    slope: [f32; 2],
 }
 
 /// One level: patch search in two scans, then densification.
@@ -278,7 +289,7 @@ fn search_level(a: &Gray, b: &Gray, initial: &Planes, options: &FlowOptions) -> 
             let (i, towards) = if scan == 0 { (k, -1i64) } else { (n - 1 - k, 1) };
             let (row, column) = (i / columns, i % columns);
             let mut start = found[i];
-            let mut error = templates[i].residual(&bordered, start).0;
+            let mut left = templates[i].residual(&bordered, start);
             let beside = column as i64 + towards;
             let beyond = row as i64 + towards;
             let neighbours = [
@@ -288,13 +299,13 @@ fn search_level(a: &Gray, b: &Gray, initial: &Planes, options: &FlowOptions) -> 
             for neighbour in neighbours.into_iter().flatten() {
                 let candidate = found[neighbour];
                 if candidate != start {
-                    let e = templates[i].residual(&bordered, candidate).0;
-                    if e < error {
-                        (start, error) = (candidate, e);
+                    let there = templates[i].residual(&bordered, candidate);
+                    if there.error < left.error {
+                        (start, left) = (candidate, there);
                     }
                 }
             }
-            found[i] = templates[i].descend(&bordered, start, options.steps).0;
+            found[i] = templates[i].descend(&bordered, start, left, options.steps);
         }
     }
     densify(&templates, &found, &bordered, a)
