@@ -76,8 +76,8 @@ fn points(problem: &Problem, helpers: &[Helper], state: &State, mesh: &Mesh) -> 
         if let Some(near) = state.nearest(problem, v) {
             point.influences.clone_from(&near.influences);
             point.stored = if near.vertex == v { near.stored } else { problem.rebound(helpers, &point) };
+            point.emphasis.clone_from(&near.emphasis);
         }
-        point.emphasis = state.nearest(problem, v).map(|near| near.emphasis.clone()).unwrap_or_default();
         for _ in 0..LAST_ROUNDS {
             if !weights::improve(problem, &mut point, helpers) {
                 break;

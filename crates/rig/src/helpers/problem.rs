@@ -182,14 +182,16 @@ impl<'a> Problem<'a> {
         State { points: self.active.iter().step_by(step).map(|&v| self.point(v)).collect() }
     }
 
-    /// Where a slot (base or helper) brings a point in a frame.
-    pub fn carried(&self, helpers: &[Helper], slot: u32, point: &Point, frame: usize) -> DVec3 {
-        match (slot as usize).checked_sub(self.slots()) {
-            None => self.maps[frame][slot as usize].transform_point3(point.stored),
-            Some(h) => {
-                let rest = helpers[h].rest[point.group].unwrap_or(DAffine3::IDENTITY);
-                helpers[h].moved[frame].transform_point3(rest.transform_point3(point.stored))
-            }
+    /// Where a slot (base or helper) brings a point in each frame.
+    pub fn carrier<'b>(&'b self, helpers: &'b [Helper], slot: u32, point: &Point) -> impl Fn(usize) -> DVec3 + 'b {
+        let helper = (slot as usize).checked_sub(self.slots()).map(|h| &helpers[h]);
+        let stored = match helper {
+            None => point.stored,
+            Some(h) => h.rest[point.group].unwrap_or(DAffine3::IDENTITY).transform_point3(point.stored),
+        };
+        move |frame| match helper {
+            None => self.maps[frame][slot as usize].transform_point3(stored),
+            Some(h) => h.moved[frame].transform_point3(stored),
         }
     }
 
@@ -232,14 +234,8 @@ impl<'a> Problem<'a> {
     /// Target less present place of a point in a frame.
     pub fn missing(&self, helpers: &[Helper], point: &Point, frame: usize) -> DVec3 {
         let place: DVec3 =
-            point.influences.iter().map(|i| self.carried(helpers, i.slot, point, frame) * i.weight).sum();
+            point.influences.iter().map(|i| self.carrier(helpers, i.slot, point)(frame) * i.weight).sum();
         self.targets[frame][point.vertex] - place
-    }
-
-    /// Σ_f ω_f ‖missing‖² of a point.
-    pub fn cost(&self, helpers: &[Helper], point: &Point) -> f64 {
-        let one = |f: usize| point.count(self, f) * self.missing(helpers, point, f).length_squared();
-        (0..self.targets.len()).map(one).sum()
     }
 }
 

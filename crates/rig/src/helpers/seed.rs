@@ -2,6 +2,7 @@
 
 use super::problem::{Helper, Point, Problem, State};
 use super::transforms;
+use super::weights::Aims;
 use glam::DAffine3;
 use rayon::prelude::*;
 
@@ -12,7 +13,8 @@ const LEAST_WEIGHT: f64 = 0.05;
 
 /// At most `count` new helpers, none where every point is at its target.
 pub fn seeds(problem: &Problem, state: &State, helpers: &[Helper], count: usize) -> Vec<Helper> {
-    let mut errors: Vec<f64> = state.points.par_iter().map(|p| problem.cost(helpers, p)).collect();
+    let mut errors: Vec<f64> =
+        state.points.par_iter().map(|p| Aims::new(problem, p).cost(problem, helpers, p)).collect();
     let size = (state.points.len() / (2 * (helpers.len() + count))).max(LEAST_POINTS);
     let mut out = Vec::new();
     for _ in 0..count {

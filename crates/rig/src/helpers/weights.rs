@@ -37,63 +37,98 @@ pub fn solve(problem: &Problem, state: &mut State, helpers: &[Helper]) {
 /// Gives a point its best influences, and the stored position that goes with them. Returns whether another round may help: weights and stored
 /// position depend on each other where the displayed rest is not the bind pose.
 pub fn improve(problem: &Problem, point: &mut Point, helpers: &[Helper]) -> bool {
-    let mut next = Point { influences: best_influences(problem, point, helpers), ..point.clone() };
+    let aims = Aims::new(problem, point);
+    let mut next = Point { influences: best_influences(problem, point, helpers, &aims), ..point.clone() };
     if problem.spaces.shared[point.group].is_some() {
         *point = next;
         return false;
     }
     next.stored = problem.rebound(helpers, &next);
     point.stored = problem.rebound(helpers, point);
-    let better = problem.cost(helpers, &next) < (1.0 - GAIN) * problem.cost(helpers, point);
+    let better = aims.cost(problem, helpers, &next) < (1.0 - GAIN) * aims.cost(problem, helpers, point);
     if better || point.influences.len() > INFLUENCES {
         *point = next;
     }
     better
 }
 
-fn best_influences(problem: &Problem, point: &Point, helpers: &[Helper]) -> Vec<Influence> {
-    let candidates = candidates(problem, point, helpers);
+fn best_influences(problem: &Problem, point: &Point, helpers: &[Helper], aims: &Aims) -> Vec<Influence> {
     let turns = problem.turns(helpers, point);
-    let offsets: Vec<Vec<DVec3>> =
-        candidates.iter().map(|&slot| offsets(problem, helpers, slot, point, &turns)).collect();
+    let mut candidates = candidates(problem, point, helpers, aims);
+    if !turns.is_empty() {
+        candidates.iter_mut().for_each(|(slot, d)| *d = aims.offsets(problem, helpers, *slot, point, &turns));
+    }
     let mut gram = [[0.0; CANDIDATES]; CANDIDATES];
     for i in 0..candidates.len() {
         for j in 0..=i {
-            gram[i][j] = offsets[i].iter().zip(&offsets[j]).map(|(a, b)| a.dot(*b)).sum();
+            gram[i][j] = dot(&candidates[i].1, &candidates[j].1);
             gram[j][i] = gram[i][j];
         }
     }
     let start: Vec<(usize, f64)> = candidates
         .iter()
         .enumerate()
-        .filter_map(|(k, slot)| point.influences.iter().find(|i| i.slot == *slot).map(|i| (k, i.weight)))
+        .filter_map(|(k, (slot, _))| point.influences.iter().find(|i| i.slot == *slot).map(|i| (k, i.weight)))
         .collect();
     let found = simplex(&gram, candidates.len(), start);
-    sorted(found.into_iter().map(|(k, weight)| Influence { slot: candidates[k], weight }).collect())
+    sorted(found.into_iter().map(|(k, weight)| Influence { slot: candidates[k].0, weight }).collect())
 }
 
-/// √ω (place − target) in every frame. Where the displayed rest is not the bind pose, the stored position moves with the weights so that the
-/// rest stays: y_f(w) = (Σ w M_f)(Σ w M_0)⁻¹ x, whose linearisation is Σ w (M_k,f X − B_f (M_k,0 X − x)), B_f = (Σ w M_f)(Σ w M_0)⁻¹ (`turns`).
-fn offsets(problem: &Problem, helpers: &[Helper], slot: u32, point: &Point, turns: &[DMat3]) -> Vec<DVec3> {
-    let rest = problem.carried(helpers, slot, point, 0) - problem.rest[point.vertex];
-    (0..problem.targets.len())
-        .map(|f| {
-            let mut d = problem.carried(helpers, slot, point, f) - problem.targets[f][point.vertex];
-            if let Some(turn) = turns.get(f) {
-                d -= *turn * rest;
-            }
-            d * point.count(problem, f).sqrt()
+/// Where a point should be in every frame, side by side in memory, and what the frame counts.
+pub struct Aims {
+    targets: Vec<DVec3>,
+    /// √ω.
+    roots: Vec<f64>,
+}
+
+impl Aims {
+    /// Gathers them.
+    pub fn new(problem: &Problem, point: &Point) -> Self {
+        let frames = 0..problem.targets.len();
+        Self {
+            targets: frames.clone().map(|f| problem.targets[f][point.vertex]).collect(),
+            roots: frames.map(|f| point.count(problem, f).sqrt()).collect(),
+        }
+    }
+
+    /// Σ_f ω_f ‖place − target‖² of a point with its influences.
+    pub fn cost(&self, problem: &Problem, helpers: &[Helper], point: &Point) -> f64 {
+        let carriers: Vec<_> =
+            point.influences.iter().map(|i| (problem.carrier(helpers, i.slot, point), i.weight)).collect();
+        let off = |(f, target): (usize, &DVec3)| {
+            let place: DVec3 = carriers.iter().map(|(carried, w)| carried(f) * *w).sum();
+            point.count(problem, f) * (*target - place).length_squared()
+        };
+        self.targets.iter().enumerate().map(off).sum()
+    }
+
+    /// √ω (place − target) in every frame. Where the displayed rest is not the bind pose, the stored position moves with the weights so
+    /// that the rest stays: y_f(w) = (Σ w M_f)(Σ w M_0)⁻¹ x, whose linearisation is Σ w (M_k,f X − B_f (M_k,0 X − x)),
+    /// B_f = (Σ w M_f)(Σ w M_0)⁻¹ (`turns`).
+    fn offsets(&self, problem: &Problem, helpers: &[Helper], slot: u32, point: &Point, turns: &[DMat3]) -> Vec<DVec3> {
+        let carried = problem.carrier(helpers, slot, point);
+        let rest = carried(0) - problem.rest[point.vertex];
+        let each = self.targets.iter().zip(&self.roots).enumerate();
+        each.map(|(f, (target, root))| {
+            let d = carried(f) - *target;
+            turns.get(f).map_or(d, |turn| d - *turn * rest) * *root
         })
         .collect()
+    }
 }
 
-/// The point's present and base slots, and the helpers in reach that come nearest, alone or together with one base slot.
-fn candidates(problem: &Problem, point: &Point, helpers: &[Helper]) -> Vec<u32> {
-    let mut out: Vec<u32> = problem.base[point.vertex].iter().take(BASE_CANDIDATES).map(|i| i.slot).collect();
-    let offsets = |slot: u32| offsets(problem, helpers, slot, point, &[]);
-    let dot = |a: &[DVec3], b: &[DVec3]| -> f64 { a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum() };
-    let base: Vec<(f64, Vec<DVec3>)> = out.iter().map(|&s| offsets(s)).map(|d| (dot(&d, &d), d)).collect();
-    let mut scored: Vec<(f64, u32)> = Vec::new();
+fn dot(a: &[DVec3], b: &[DVec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum()
+}
+
+/// The point's present and base slots, and the helpers in reach that come nearest, alone or together with one base slot; each with its
+/// offsets without turns.
+fn candidates(problem: &Problem, point: &Point, helpers: &[Helper], aims: &Aims) -> Vec<(u32, Vec<DVec3>)> {
+    let offsets = |slot: u32| aims.offsets(problem, helpers, slot, point, &[]);
+    let base = problem.base[point.vertex].iter().take(BASE_CANDIDATES).map(|i| i.slot);
+    let mut out: Vec<(u32, Vec<DVec3>)> = base.map(|slot| (slot, offsets(slot))).collect();
+    let squares: Vec<f64> = out.iter().map(|(_, d)| dot(d, d)).collect();
+    let mut scored: Vec<(f64, u32, Vec<DVec3>)> = Vec::new();
     for (h, helper) in helpers.iter().enumerate() {
         let reach = (REACH_SPREADS * helper.spread).max(REACH * problem.diagonal);
         if helper.rest[point.group].is_none() || problem.rest[point.vertex].distance(helper.centre) > reach {
@@ -102,14 +137,14 @@ fn candidates(problem: &Problem, point: &Point, helpers: &[Helper]) -> Vec<u32> 
         let slot = (problem.slots() + h) as u32;
         let own = offsets(slot);
         let alone = dot(&own, &own);
-        let together = base.iter().map(|(c, d)| pair(alone, dot(&own, d), *c).0);
-        scored.push((together.fold(alone, f64::min), slot));
+        let together = squares.iter().zip(&out).map(|(c, (_, d))| pair(alone, dot(&own, d), *c).0);
+        scored.push((together.fold(alone, f64::min), slot, own));
     }
     scored.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    out.extend(scored.iter().take(HELPER_CANDIDATES).map(|s| s.1));
+    out.extend(scored.into_iter().take(HELPER_CANDIDATES).map(|(_, slot, own)| (slot, own)));
     for i in point.influences.iter().take(INFLUENCES) {
-        if !out.contains(&i.slot) {
-            out.push(i.slot);
+        if out.iter().all(|c| c.0 != i.slot) {
+            out.push((i.slot, offsets(i.slot)));
         }
     }
     out
