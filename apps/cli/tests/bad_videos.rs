@@ -140,6 +140,25 @@ fn videos_that_do_not_fit_or_show_nothing_are_named() {
     assert!(made.status.success(), "{}", text(&made.stderr));
     let job = ["animate", &model, &wide, "--camera", &camera, "-o", &bench.out("folder"), "-q"];
     bench.refuses(&job, &["camera.json", "another shape", "crop or pad the video"]);
+    // A camera that looks past the model.
+    let mut away: serde_json::Value = serde_json::from_slice(&std::fs::read(&camera).unwrap()).unwrap();
+    let view = &mut away["views"]["main"]["world_to_camera_opencv"];
+    view[0][3] = (view[0][3].as_f64().unwrap() + 1.5).into();
+    bench.put("away.json", &serde_json::to_vec(&away).unwrap());
+    let video = example("creature.mp4");
+    let job = [
+        "animate",
+        &model,
+        &video,
+        "--camera",
+        &bench.path("away.json"),
+        "--frames",
+        "0..2",
+        "-o",
+        &bench.out("folder"),
+        "-q",
+    ];
+    bench.refuses(&job, &["creature.mp4", "away.json", "overlaps the object", "--camera auto"]);
     // Nothing but black; a still picture that is called a video.
     let black: Vec<u8> = gif(6).iter().map(|&b| if b == 0x40 { 0 } else { b }).collect();
     bench.put("black.gif", &black);

@@ -3,7 +3,7 @@
 use crate::Error;
 use crate::camera::CameraChoice;
 use crate::run::Lock;
-use crate::still::{Still, still};
+use crate::still::{Still, make_folder, still};
 pub use animimic_video::generate::{
     About, Ask, Generated, Host, PROVIDERS, Patience, Provider, job_path, keys_set, provider,
 };
@@ -106,6 +106,7 @@ pub fn generate(job: &Generate, host: &mut dyn Host) -> Result<Moving, Error> {
     if job.out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("mp4")) {
         return Err(Error::Input(format!("{}: the video is an MP4: name a .mp4 file", job.out.display())));
     }
+    make_folder(&job.out)?;
     // Two at once would both order.
     let mut held = job_path(&job.out).into_os_string();
     held.push(".lock");

@@ -454,6 +454,29 @@ fn a_program_makes_the_video_is_told_apart_from_a_shell_and_its_failures_are_tol
 }
 
 #[test]
+fn a_video_that_is_there_already_is_replaced_only_on_request() {
+    let (folder, ask, out) = order("");
+    let source = folder.path().join("source.mp4");
+    std::fs::write(&source, movie()).unwrap();
+    let command = vec!["cp".into(), source.display().to_string(), "{out}".into()];
+    let asked = |prompt: &str, again: bool| {
+        let ask = Ask { command: command.clone(), url: None, prompt: prompt.into(), ..ask.clone() };
+        generate(provider("command").unwrap(), &ask, &out, again, &Patience::default(), &mut world())
+    };
+    let kept = |bytes: &[u8]| {
+        let error = asked("it runs", false).unwrap_err().to_string();
+        assert!(error.contains("is there already") && error.contains("--again"), "{error}");
+        assert_eq!(std::fs::read(&out).unwrap(), bytes);
+    };
+    std::fs::write(&out, b"somebody's own").unwrap();
+    kept(b"somebody's own");
+    asked("it jumps", true).unwrap();
+    kept(&movie());
+    assert!(asked("it jumps", false).unwrap().resumed, "what was asked for is there");
+    assert!(!asked("it runs", true).unwrap().resumed);
+}
+
+#[test]
 fn a_video_of_another_kind_becomes_an_mp4() {
     let (folder, ask, out) = order("");
     let gif = folder.path().join("g.gif");

@@ -80,7 +80,8 @@ impl Batch {
             None => bail!("it has no name"),
         };
         let own_out = table.contains_key("out");
-        table.entry("out").or_insert_with(|| Value::String(String::new()));
+        // Stands in for the folder that is chosen below.
+        table.entry("out").or_insert_with(|| Value::String(".".into()));
         table.entry("seed").or_insert_with(|| Value::Integer(common.seed as i64));
         if let Some(key) = ["threads", "quiet", "json", "resume"].iter().find(|k| table.contains_key(**k)) {
             bail!("{name}: {key} is of the whole batch: give it on the command line");
@@ -153,6 +154,17 @@ fn is_folder_name(name: &str) -> bool {
 mod tests {
     use super::*;
     use crate::mutate;
+
+    #[test]
+    fn a_list_is_found_by_its_bare_name_too() {
+        let table: Table = toml::from_str("name = \"fox\"\nmodel = \"fox.glb\"\nvideos = [\"walk.mp4\"]").expect("a job");
+        let common = crate::Common { json: false, quiet: true, seed: 0, threads: 1 };
+        let jobs_file = PathBuf::from("jobs.toml");
+        let base = jobs_file.parent().expect("a bare name has an empty folder").to_owned();
+        let list = Batch { jobs_file, out: None, jobs: 1, only: Vec::new(), shard: None, again: false };
+        let Named { job, .. } = list.job(table, &base, Path::new("jobs"), &common).expect("a job");
+        assert_eq!((job.out, job.model), (PathBuf::from("jobs/fox"), PathBuf::from("fox.glb")));
+    }
 
     /// Every mutation is options or an error of one line, here and where `clap` takes the words.
     #[test]

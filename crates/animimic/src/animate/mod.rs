@@ -285,6 +285,10 @@ fn watch(job: &Job, index: usize, name: &str, clock: &mut Clock, progress: &mut 
     Ok(video)
 }
 
+/// Below this overlap of the model as it stands and the object in frame 0, the run would show nothing but that something is wrong. Clips
+/// that begin in another pose than the model's still overlap by two thirds and more.
+const LEAST_OVERLAP: f64 = 0.3;
+
 /// Finds the cues in a video and its camera.
 fn see(
     job: &Job,
@@ -303,17 +307,27 @@ fn see(
     };
     let mut found = clock.time("masks", || crate::cues::find(video, &given))?;
     tell(progress, Event::Stage { name: "camera" })?;
-    let camera = clock.time("camera", || choose_camera(job, model, video, &found.cues, &found.background))?;
+    let camera = clock.time("camera", || choose_camera(job, index, model, video, &found.cues, &found.background))?;
+    let rest = model.solved.rig.at_rest();
+    let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
     if given.masks.is_none() {
-        let rest = model.solved.rig.at_rest();
-        let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
         clock.time("masks", || crate::cues::refine_masks(video, &silhouette, &mut found))?;
+    }
+    let overlap = silhouette.iou(&found.cues.masks[0]);
+    if overlap < LEAST_OVERLAP {
+        return Err(Error::Input(format!(
+            "{}: with the camera {} the model overlaps the object of the first frame by only {overlap:.2}: camera, model and video do \
+             not belong together; --camera auto looks for a camera",
+            job.videos[index].display(),
+            job.camera
+        )));
     }
     Ok(Seen { found, camera })
 }
 
 fn choose_camera(
     job: &Job,
+    index: usize,
     model: Model,
     video: &Video,
     found: &Cues,
@@ -326,7 +340,8 @@ fn choose_camera(
         CameraChoice::File(path) => Ok(CameraFile { fps: video.fps, ..camera::from_file(path, width, height)? }),
         CameraChoice::Preset(name) => Ok(file(camera::preset(name, (low, high), width, height)?)),
         CameraChoice::Auto => {
-            Ok(file(camera::find(model.solved, &video.frames[0], &found.masks[0], background)?.camera))
+            let found = camera::find(model.solved, &video.frames[0], &found.masks[0], background);
+            Ok(file(found.map_err(|e| Error::Input(format!("{}: {e}", job.videos[index].display())))?.camera))
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Job, PartCertainty, Take, certainty};
 use crate::{Evaluation, Physics};
-use animimic_scene::{Asset, Mask, Skeleton};
+use animimic_scene::{Asset, Mask, Motion, Skeleton};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -77,6 +77,10 @@ impl LossCurve {
 
 /// Below this overlap of model and object in frame 0, the camera is in doubt.
 const DOUBTFUL_CAMERA_IOU: f64 = 0.9;
+/// A joint that turns farther from one frame to the next was taken for another or lost [rad].
+const SNAP: f64 = 1.75;
+/// Most of these that are told.
+const MOST_SNAPS: usize = 3;
 /// Below this, the mask provider doubts its background.
 const DOUBTFUL_MASK: f32 = 0.5;
 
@@ -118,6 +122,7 @@ impl ClipReport {
         let mut uncertain = take.uncertain.clone();
         uncertain.extend(certainty::doubt(&certainty, take.motion.fps));
         uncertain.extend(doubts(take, evaluation));
+        uncertain.extend(snaps(&take.motion, skeleton));
         Self {
             name: take.name.clone(),
             frames: take.video.frames.len(),
@@ -146,10 +151,32 @@ fn cue_statistics(take: &Take) -> Value {
     })
 }
 
+/// The joints that turn too far between two frames, each where it turns most, the worst first.
+fn snaps(motion: &Motion, skeleton: &Skeleton) -> Vec<String> {
+    let turn = |j: usize, t: usize| {
+        let [a, b] = [t, t + 1].map(|t| motion.poses[t].locals[j].rotation);
+        a.normalize().angle_between(b.normalize())
+    };
+    let worst = |j: usize| {
+        let all = (0..motion.poses.len().saturating_sub(1)).map(|t| (turn(j, t), t));
+        all.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(angle, t)| (angle, j, t))
+    };
+    let mut found: Vec<_> = (0..skeleton.joints.len()).filter_map(worst).filter(|w| w.0 > SNAP).collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let words = |&(angle, j, t): &(f64, usize, usize)| {
+        let (name, secs) = (&skeleton.joints[j].name, (t + 1) as f64 / motion.fps);
+        format!("motion: {name} turns by {:.0}° from frame {t} to {} ({secs:.2} s)", angle.to_degrees(), t + 1)
+    };
+    found.iter().take(MOST_SNAPS).map(words).collect()
+}
+
 fn doubts(take: &Take, evaluation: &Evaluation) -> Vec<String> {
     let mut out = Vec::new();
     if let Some(iou) = evaluation.get("iou_main_frame0").filter(|i| *i < DOUBTFUL_CAMERA_IOU) {
-        out.push(format!("camera: the model covers frame 0 with an overlap of only {iou:.2}"));
+        out.push(format!(
+            "frame 0: the model as it stands covers the object with an overlap of only {iou:.2}: the camera is wrong, or the clip \
+             begins in another pose than the model's"
+        ));
     }
     let weak = take.mask_confidence.iter().filter(|c| **c < DOUBTFUL_MASK).count();
     if weak > 0 {

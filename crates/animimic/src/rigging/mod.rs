@@ -171,7 +171,7 @@ pub fn choose(asset: &mut Asset, path: &Path, choice: &RigChoice) -> Result<Chos
     let report = RigReport::new(asset, rigger);
     if made {
         asset.warnings.push(format!(
-            "the model has no skeleton that bends it: one of {} joints was made ({}); `animimic rig` shows it",
+            "the model has no skeleton that bends it, so a skeleton with {} joints was made ({}); `animimic rig` shows it",
             report.joints.len(),
             report.rigger
         ));

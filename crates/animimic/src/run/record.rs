@@ -64,9 +64,18 @@ impl Record {
 
     /// Reads the record with that key; `None` where there is none.
     pub fn read(path: &Path, key: &Key) -> Option<Self> {
+        Self::read_if(path, |own| own == key.to_string())
+    }
+
+    /// Reads the record, whatever its key; `None` where there is none.
+    pub fn read_any(path: &Path) -> Option<Self> {
+        Self::read_if(path, |_| true)
+    }
+
+    fn read_if(path: &Path, wanted: impl Fn(&str) -> bool) -> Option<Self> {
         let mut archive = npz::read(path).ok()?;
         let text = |name: &str| String::from_utf8(archive.get(name)?.to_u8()?).ok();
-        if text("key")? != key.to_string() {
+        if !wanted(&text("key")?) {
             return None;
         }
         let json = serde_json::from_str(&text("json")?).ok()?;

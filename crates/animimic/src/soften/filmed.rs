@@ -172,10 +172,12 @@ fn words(
     report["energy_change_error_percent"] = noise.into();
     report["skinned_by_evidence"] = held.into();
     report["verdict"] = if kept {
-        format!("soft: the frames are explained better, by {:.1} ± {noise:.1} % of the energy", -change)
+        format!("soft: it shows the video better, with {:.1} ± {noise:.1} % less that is unlike it", -change)
     } else if soft.contains(&true) {
-        let effort = if again.is_some() { " than by poses solved as often for the skin" } else { "" };
-        format!("skinned: soft, the frames are explained no better{effort} ({change:+.1} ± {noise:.1} % of the energy)")
+        let effort = if again.is_some() { " than by skinning with as much search" } else { "" };
+        format!(
+            "skinned: soft tissue would not show the video better{effort} (what is unlike it changes by {change:+.1} ± {noise:.1} %)"
+        )
     } else {
         "skinned: the frames speak against softness everywhere".into()
     }

@@ -120,10 +120,19 @@ pub fn still(job: &Still) -> Result<Drawn, Error> {
     let file = CameraFile { main, fps: FPS, views: Vec::new(), target: Some(0.5 * (bounds.0 + bounds.1)) };
     let beside = job.out.with_extension("camera.json");
     let seen = view::surface_seen(&asset.mesh, &main, &positions);
+    make_folder(&job.out)?;
     write_png(&job.out, &picture, &file)?;
     io::camera_json::write(&beside, &file)?;
     let advice = advice(&job.model, &beside);
     Ok(Drawn { picture: job.out.clone(), camera: beside, view, seen, background, advice, warnings: asset.warnings })
+}
+
+/// Makes the folder of a file that is to be written.
+pub(crate) fn make_folder(file: &Path) -> Result<(), Error> {
+    match file.parent().filter(|f| !f.as_os_str().is_empty()) {
+        Some(folder) => std::fs::create_dir_all(folder).map_err(Error::io(folder)),
+        None => Ok(()),
+    }
 }
 
 /// The background that the model's own colours keep farthest from.

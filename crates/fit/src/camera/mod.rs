@@ -126,7 +126,7 @@ pub fn find_camera(input: &CameraSearch) -> Result<CameraFit, FitError> {
         return Err(FitError::Input(format!(
             "no camera shows the model as in the first frame (best overlap {:.2} of {SMALLEST_IOU} needed): give --camera FILE or \
              preset:NAME, or begin the video with the model's rest pose",
-            best.iou
+            (100.0 * best.iou).floor() / 100.0
         )));
     }
     let runner_up = finalists.iter().find(|f| view_angle(&f.0, &camera) > SAME_VIEW_RAD).map(|f| f.1.total());

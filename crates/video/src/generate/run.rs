@@ -103,7 +103,7 @@ pub fn plan(provider: &dyn Provider, ask: &Ask, host: &dyn Host) -> Result<Value
 ///
 /// The job is remembered in `NAME.job.json` beside it before it is asked after: called again with the same order, after
 /// whatever end, it asks for that job and makes no new one; a video that is there already is left as it is.
-/// `again` forgets what was remembered.
+/// `again` forgets what was remembered, and replaces a video of another order; else that is refused.
 ///
 /// # Errors
 /// A missing key, a refusal, a failure or an answer that makes no sense ([`VideoError::Provider`]); a job of another order
@@ -127,6 +127,12 @@ pub fn generate(
     if earlier.as_ref().is_some_and(|job| job.done) && out.exists() {
         let video = read(out, &ReadOptions::default())?;
         return Ok(generated(&earlier.expect("just seen").ticket.id, true, &video));
+    }
+    if !again && earlier.is_none() && out.exists() {
+        return Err(VideoError::Caller(format!(
+            "{}: is there already, and is not what this asks for: name another file, or replace it with --again",
+            out.display()
+        )));
     }
     let start = host.unix_secs();
     let mut link = Link::new(about, &prepared.base, &prepared.keys, patience, host);
