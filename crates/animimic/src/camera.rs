@@ -6,7 +6,7 @@ use crate::pictures::background_picture;
 use animimic_fit::camera::{CameraFit, CameraSearch, find_camera};
 use animimic_scene::{Asset, Camera, CameraFile, Image, Mask, io};
 use animimic_video::cues::Background;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use std::path::PathBuf;
 
 /// How the camera is known.
@@ -149,9 +149,49 @@ pub fn side_views(main: &Camera, target: DVec3) -> [Camera; 2] {
     [main.orbited(target, -turn), main.orbited(target, turn)]
 }
 
+/// Room around what is kept in view [share of the picture].
+const ROOM: f64 = 0.04;
+
+/// The view moved, and drawn smaller, as far as it takes to see all `points`; the same where it sees them.
+pub fn keep_in_view(camera: &Camera, points: &[DVec3]) -> Camera {
+    let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
+    let seen = points.iter().map(|&p| camera.to_view(p)).filter(|v| v.z > 0.0).map(|v| camera.pixel_from_view(v));
+    let (low, high) = seen.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+    if !(low.is_finite() && high.is_finite()) {
+        return *camera;
+    }
+    let center = DVec2::new(camera.cx, camera.cy);
+    let (first, last) = (ROOM * size, (1.0 - ROOM) * size);
+    let scale = ((last - first) / (high - low).max(DVec2::splat(1e-9))).min_element().min(1.0);
+    // The larger bound first: where all just fits, the two are equal up to rounding.
+    let center = center.min(last - scale * (high - center)).max(first - scale * (low - center));
+    Camera { fx: scale * camera.fx, fy: scale * camera.fy, cx: center.x, cy: center.y, ..*camera }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_view_is_moved_and_made_smaller_only_as_far_as_it_takes() {
+        let camera = Camera::orbit(DVec3::ZERO, 5.0, 0.0, 0.0, 0.8, 200, 100);
+        let seen = |camera: &Camera, points: &[DVec3]| {
+            let inside = |p: &DVec3| {
+                let q = camera.project(*p);
+                q.x >= 7.9 && q.x <= 192.1 && q.y >= 3.9 && q.y <= 96.1
+            };
+            points.iter().all(inside)
+        };
+        let near = [DVec3::splat(-0.5), DVec3::splat(0.5)];
+        assert_eq!(keep_in_view(&camera, &near), camera);
+        let beside = near.map(|p| p + DVec3::X * 3.5);
+        let moved = keep_in_view(&camera, &beside);
+        assert!(!seen(&camera, &beside) && seen(&moved, &beside) && moved.fx == camera.fx && moved.cy == camera.cy);
+        let large = near.map(|p| p * 9.0);
+        let smaller = keep_in_view(&camera, &large);
+        assert!(seen(&smaller, &large) && smaller.fx < camera.fx && smaller.fx / smaller.fy == camera.fx / camera.fy);
+        assert_eq!(keep_in_view(&camera, &[]), camera);
+    }
 
     #[test]
     fn every_preset_sees_the_whole_box_centred() {

@@ -2,18 +2,20 @@
 
 use super::Take;
 use super::residual::heat_map;
-use crate::camera::side_views;
+use crate::camera::{keep_in_view, side_views};
 use crate::pictures::{Studio, background_picture, border_color};
+use crate::turntable::overlays::draw_bones;
 use animimic_render::overlay;
 use animimic_scene::{Asset, Camera, Image, Pose};
 use glam::DVec3;
 
+/// Moments at which side views have to see the whole model.
+const LOOKS: usize = 12;
 /// Columns of the contact sheet.
 const COLUMNS: usize = 8;
 /// Width of a cell of the contact sheet [px].
 const CELL_PX: usize = 256;
 const OUTLINE: [u8; 3] = [255, 60, 90];
-const BONE: [u8; 3] = [255, 210, 60];
 const INK: [u8; 3] = [40, 40, 48];
 
 /// A take with everything needed to draw it.
@@ -33,6 +35,9 @@ impl<'a> Stage<'a> {
         let studio = Studio::new(asset, camera, &first, video, take.cues.masks.first())?;
         let (low, high) = animimic_scene::mesh::bounds(&first);
         let sides = side_views(camera, take.camera.target.unwrap_or(0.5 * (low + high)));
+        let step = take.motion.poses.len().div_ceil(LOOKS).max(1);
+        let all: Vec<DVec3> = take.motion.poses.iter().step_by(step).flat_map(|p| posed(asset, p)).collect();
+        let sides = sides.map(|side| keep_in_view(&side, &all));
         Ok(Self { asset, take, studio, background: border_color(video), sides })
     }
 
@@ -87,7 +92,15 @@ impl<'a> Stage<'a> {
             let (result, coverage) = self.studio.draw(&self.take.camera.main, &x, self.background);
             let mut traced = self.take.video.frames[t].clone();
             overlay::contour(&mut traced, &coverage, OUTLINE);
-            self.bones(&mut traced, pose);
+            let joints = self
+                .asset
+                .rig
+                .skeleton
+                .world_from_joint(&pose.locals)
+                .iter()
+                .map(|g| g.translation)
+                .collect::<Vec<_>>();
+            draw_bones(&mut traced, &self.take.camera.main, &self.asset.rig, &joints);
             for (row, picture) in [&self.take.video.frames[t], &result, &traced].into_iter().enumerate() {
                 overlay::paste(&mut out, &picture.resized(cell.0, cell.1), column * cell.0, row * cell.1);
             }
@@ -106,23 +119,6 @@ impl<'a> Stage<'a> {
     /// The surface that was found: the soft one where there is one.
     fn surface(&self, t: usize) -> Vec<DVec3> {
         if self.take.soft_kept { self.take.soft[t].clone() } else { posed(self.asset, &self.take.motion.poses[t]) }
-    }
-
-    /// Lines from joints to their parents.
-    fn bones(&self, image: &mut Image, pose: &Pose) {
-        let skeleton = &self.asset.rig.skeleton;
-        let world = skeleton.world_from_joint(&pose.locals);
-        let camera = &self.take.camera.main;
-        let place = |j: usize| {
-            let v = camera.to_view(world[j].translation);
-            (v.z > 0.0).then(|| camera.pixel_from_view(v))
-        };
-        for (j, joint) in skeleton.joints.iter().enumerate() {
-            if let Some((a, b)) = place(j).zip(joint.parent.and_then(place)) {
-                overlay::line(image, a, b, 1.5, BONE, 0.9);
-                overlay::disc(image, a, 2.0, BONE, 0.9);
-            }
-        }
     }
 }
 

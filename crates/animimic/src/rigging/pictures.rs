@@ -68,7 +68,7 @@ impl<'a> Sheet<'a> {
         for p in &mut faint.rgb {
             *p = [0, 1, 2].map(|c| (f64::from(p[c]) * FAINT + f64::from(WHITE[c]) * (1.0 - FAINT)) as u8);
         }
-        draw_bones(&mut faint, &camera, &self.asset.rig.skeleton, joints);
+        draw_bones(&mut faint, &camera, &self.asset.rig, joints);
         overlay::paste(&mut out, &faint, 0, 0);
         overlay::paste(&mut out, &self.weights.draw(&camera, positions, WHITE).0, size, 0);
         out

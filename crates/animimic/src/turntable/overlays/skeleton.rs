@@ -1,7 +1,7 @@
 use super::{Overlay, Seen};
 use animimic_render::overlay::{disc, line};
-use animimic_scene::{Camera, Image, Skeleton};
-use glam::DVec3;
+use animimic_scene::{Camera, Image, Rig};
+use glam::{DVec2, DVec3};
 
 const BONE: [u8; 3] = [30, 70, 200];
 const JOINT: [u8; 3] = [200, 40, 40];
@@ -25,22 +25,31 @@ impl Overlay for Bones {
     }
 
     fn paint(&self, picture: &mut Image, seen: &Seen) {
-        draw_bones(picture, seen.camera, &seen.asset.rig.skeleton, seen.joints);
+        draw_bones(picture, seen.camera, &seen.asset.rig, seen.joints);
     }
 }
 
 /// Draws a skeleton whose joints are at `joints`, over whatever the picture shows.
-pub(crate) fn draw_bones(picture: &mut Image, camera: &Camera, skeleton: &Skeleton, joints: &[DVec3]) {
+///
+/// Joints above all that carry skin, which only say where the model stands, are left out.
+pub(crate) fn draw_bones(picture: &mut Image, camera: &Camera, rig: &Rig, joints: &[DVec3]) {
     let scale = (picture.height as f64 / NORMAL_PX).max(0.5);
-    let screen: Vec<_> = joints.iter().map(|&j| camera.project(j)).collect();
+    let all = &rig.skeleton.joints;
+    let carries: Vec<bool> = (0..all.len()).map(|j| rig.skin.slots.iter().any(|s| s.joint == j)).collect();
+    let body = |j: usize| std::iter::successors(Some(j), |&j| all[j].parent).any(|j| carries[j]);
+    let place = |j: usize| -> Option<DVec2> {
+        let seen = camera.to_view(joints[j]);
+        (seen.z > 0.0 && body(j)).then(|| camera.pixel_from_view(seen))
+    };
+    let screen: Vec<Option<DVec2>> = (0..all.len()).map(place).collect();
     for (color, more) in [(HALO, 1.0), (BONE, 0.0)] {
-        for (j, joint) in skeleton.joints.iter().enumerate() {
-            if let Some(p) = joint.parent {
-                line(picture, screen[p], screen[j], (BONE_PX + 1.5 * more) * scale, color, 1.0);
+        for (to, joint) in screen.iter().zip(all) {
+            if let Some((from, to)) = joint.parent.and_then(|p| screen[p]).zip(*to) {
+                line(picture, from, to, (BONE_PX + 1.5 * more) * scale, color, 1.0);
             }
         }
     }
     for (color, more) in [(HALO, 0.8), (JOINT, 0.0)] {
-        screen.iter().for_each(|&p| disc(picture, p, (JOINT_PX + more) * scale, color, 1.0));
+        screen.iter().flatten().for_each(|&p| disc(picture, p, (JOINT_PX + more) * scale, color, 1.0));
     }
 }
