@@ -31,7 +31,7 @@ use crate::run::{Checkpoints, Key, Run, memory, safe};
 use crate::{Against, Error, evaluate, rigging};
 use animimic_fit::stage1::Certainty;
 use animimic_rig::proxy;
-use animimic_scene::{Asset, CameraFile, Cues, Motion, Video, io};
+use animimic_scene::{Asset, CameraFile, Cues, Mask, Motion, Video, io};
 use animimic_video::cues;
 use kept::Seen;
 use std::cell::OnceCell;
@@ -230,8 +230,11 @@ fn take(
         tell(progress, Event::Warning(warning))?;
     }
     let key = keys::seen(job, index, key.get_or_init(|| keys::model(model.asset, model.made_rig)), &video)?;
-    let Seen { found, camera } =
-        run.kept(&format!("{}.cues", safe(&name)), &key, || see(job, model, index, &video, clock, progress))?;
+    let Seen { found, camera } = run.kept(&format!("{}.cues", safe(&name)), &key, || {
+        let seen = see(job, model, index, &video, clock, progress)?;
+        belong_together(job, index, model, &seen)?;
+        Ok(seen)
+    })?;
     tell(progress, Event::Stage { name: "motion" })?;
     let key = keys::motion(job, &name, &key);
     let scene = motion::Scene {
@@ -285,10 +288,6 @@ fn watch(job: &Job, index: usize, name: &str, clock: &mut Clock, progress: &mut 
     Ok(video)
 }
 
-/// Below this overlap of the model as it stands and the object in frame 0, the run would show nothing but that something is wrong. Clips
-/// that begin in another pose than the model's still overlap by two thirds and more.
-const LEAST_OVERLAP: f64 = 0.3;
-
 /// Finds the cues in a video and its camera.
 fn see(
     job: &Job,
@@ -308,21 +307,33 @@ fn see(
     let mut found = clock.time("masks", || crate::cues::find(video, &given))?;
     tell(progress, Event::Stage { name: "camera" })?;
     let camera = clock.time("camera", || choose_camera(job, index, model, video, &found.cues, &found.background))?;
-    let rest = model.solved.rig.at_rest();
-    let silhouette = crate::pictures::silhouette(&camera.main, &model.solved.mesh, &rest);
     if given.masks.is_none() {
+        let silhouette = silhouette(model, &camera);
         clock.time("masks", || crate::cues::refine_masks(video, &silhouette, &mut found))?;
     }
-    let overlap = silhouette.iou(&found.cues.masks[0]);
-    if overlap < LEAST_OVERLAP {
-        return Err(Error::Input(format!(
-            "{}: with the camera {} the model overlaps the object of the first frame by only {overlap:.2}: camera, model and video do \
-             not belong together; --camera auto looks for a camera",
-            job.videos[index].display(),
-            job.camera
-        )));
-    }
     Ok(Seen { found, camera })
+}
+
+/// Of the model as it stands.
+fn silhouette(model: Model, camera: &CameraFile) -> Mask {
+    crate::pictures::silhouette(&camera.main, &model.solved.mesh, &model.solved.rig.at_rest())
+}
+
+/// Below this overlap of the model as it stands and the object in frame 0, the run would show nothing but that something is wrong. Clips
+/// that begin in another pose than the model's still overlap by two thirds and more.
+const LEAST_OVERLAP: f64 = 0.3;
+
+/// Refuses a camera that shows the model beside the object.
+fn belong_together(job: &Job, index: usize, model: Model, seen: &Seen) -> Result<(), Error> {
+    let overlap = silhouette(model, &seen.camera).iou(&seen.found.cues.masks[0]);
+    if overlap >= LEAST_OVERLAP {
+        return Ok(());
+    }
+    let (video, camera) = (job.videos[index].display(), &job.camera);
+    Err(Error::Input(format!(
+        "{video}: with the camera {camera} the model overlaps the object of the first frame by only {overlap:.2}: camera, model and video \
+         do not belong together; --camera auto looks for a camera"
+    )))
 }
 
 fn choose_camera(
