@@ -11,6 +11,7 @@ use super::learn::{simulated, skinned};
 use super::seen::energies;
 use crate::FitError;
 use crate::stage1::flesh::Flesh;
+use crate::stage1::polish;
 use crate::stage1::solve::Stage;
 use animimic_rig::FramePose;
 use animimic_scene::Pose;
@@ -86,7 +87,8 @@ pub fn together(
         stage.flesh = soft.then(|| Flesh::new(subject, &loose, &frames, &surfaces));
         stage.finish(&mut frames);
         if turns.rival.is_some() && round > 0 {
-            stage.polish(&mut frames, POLISHED);
+            // What softness has to beat is skinning at its best.
+            stage.polish(&mut frames, if soft { POLISHED } else { polish::SETTLED });
         }
         stage.flesh = None;
         let solved: Vec<Pose> = frames.iter().map(|f| subject.file_pose(f)).collect();

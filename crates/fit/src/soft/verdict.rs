@@ -2,8 +2,8 @@
 //!
 //! Both are looked for in every frame, and the differences of their energies judge, frame by frame: what lies behind them (light,
 //! compression, the mask's edge) is the same in both. A soft surface is no worse where the mean difference is not above its own standard
-//! error, and better where it is below zero at the 5 % level, one-sided. Neighbouring frames err alike, which the standard error
-//! counts: Newey and West 1987 (eq. 5, Bartlett's weights), as many lags as Andrews 1991 (eqs. 5.3, 6.2, 6.4) takes for a series of
+//! error, and better where it is below zero at the 1 % level, one-sided: which groups are soft was chosen by the same frames. Neighbouring
+//! frames err alike, which the standard error counts: Newey and West 1987 (eq. 5, Bartlett's weights), as many lags as Andrews 1991 (eqs. 5.3, 6.2, 6.4) takes for a series of
 //! first order.
 
 use super::clusters::Groups;
@@ -52,8 +52,8 @@ pub fn better(skinned: &[f64], soft: &[f64]) -> bool {
     mean < -SIGNIFICANT * error
 }
 
-/// Standard errors below zero that chance reaches in one case of twenty.
-const SIGNIFICANT: f64 = 1.645;
+/// Standard errors below zero that chance reaches in one case of a hundred.
+const SIGNIFICANT: f64 = 2.326;
 
 /// Mean of soft less skinned over frames, and its standard error.
 pub fn difference(skinned: &[f64], soft: &[f64]) -> [f64; 2] {
