@@ -176,7 +176,7 @@ fn words(
     } else if soft.contains(&true) {
         let effort = if again.is_some() { " than by skinning with as much search" } else { "" };
         format!(
-            "skinned: soft tissue would not show the video better{effort} (what is unlike it changes by {change:+.1} ± {noise:.1} %)"
+            "skinned: soft tissue would not clearly show the video better{effort} (what is unlike it changes by {change:+.1} ± {noise:.1} %)"
         )
     } else {
         "skinned: the frames speak against softness everywhere".into()

@@ -250,14 +250,13 @@ impl Problem<'_, '_> {
             trial.ln_youngs.iter_mut().zip(open).for_each(|(l, o)| *l += o * change);
             self.run(trial, damping)
         };
-        // The first of the best, as if they were tried one by one.
-        let mut best: Option<State> = None;
-        for state in tries.par_iter().map(one).collect::<Result<Vec<_>, _>>()? {
-            if best.as_ref().is_none_or(|b| state.energy < b.energy) {
-                best = Some(state);
-            }
-        }
-        best.ok_or_else(|| FitError::Input("nothing was tried".into()))
+        // The first of the best, as if they were tried one by one; only the best so far are held.
+        let better = |a: Result<State, FitError>, b: Result<State, FitError>| {
+            let (a, b) = (a?, b?);
+            Ok(if b.energy < a.energy { b } else { a })
+        };
+        let none = || Err(FitError::Input("nothing was tried".into()));
+        tries.par_iter().map(one).reduce_with(better).unwrap_or_else(none)
     }
 
     /// s²: energy of an independent observation.

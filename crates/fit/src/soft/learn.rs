@@ -127,8 +127,7 @@ pub fn learn(
             prior_deviations: &deviations,
             groups: Some(&groups),
             damping: false,
-            // What is coarse is told by where points are; pictures take several times as long.
-            pictures: round + 1 == rounds,
+            pictures: true,
         };
         let next = problem.fit(&prior, found.as_ref(), wish.steps)?;
         first = first.or(Some(next.energies[0]));

@@ -1,10 +1,10 @@
 //! What the frames say of a soft surface against the skinned one.
 //!
 //! Both are looked for in every frame, and the differences of their energies judge, frame by frame: what lies behind them (light,
-//! compression, the mask's edge) is the same in both. A soft surface is no worse where the mean difference is not above its own standard
-//! error, and better where it is below zero at the 1 % level, one-sided: which groups are soft was chosen by the same frames. Neighbouring
-//! frames err alike, which the standard error counts: Newey and West 1987 (eq. 5, Bartlett's weights), as many lags as Andrews 1991 (eqs. 5.3, 6.2, 6.4) takes for a series of
-//! first order.
+//! compression, the mask's edge) is the same in both. A soft surface is no worse where the mean difference is not above its own
+//! standard error, and better where it is below zero at the 1 % level, one-sided: which groups are soft was chosen by the same frames.
+//! Neighbouring frames err alike, which the standard error counts: Newey and West 1987 (eq. 5, Bartlett's weights), as many lags as
+//! Andrews 1991 (eqs. 5.3, 6.2, 6.4) takes for a series of first order.
 
 use super::clusters::Groups;
 use super::evidence::Evidence;
