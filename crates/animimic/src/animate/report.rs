@@ -188,3 +188,21 @@ fn doubts(take: &Take, evaluation: &Evaluation) -> Vec<String> {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use animimic_scene::{Joint, Pose, Transform};
+    use glam::DQuat;
+
+    #[test]
+    fn a_joint_that_snaps_is_told_with_its_frame_and_one_that_turns_steadily_is_not() {
+        let joint = |name: &str| Joint { name: name.into(), parent: None, rest: Transform::IDENTITY, node: None };
+        let skeleton = Skeleton { joints: vec![joint("hand"), joint("tail")] };
+        let turned = |angle: f64| Transform { rotation: DQuat::from_rotation_x(angle), ..Transform::IDENTITY };
+        let hand = [0.0, 0.1, 3.0, 3.1];
+        let pose = |t: usize| Pose { locals: vec![turned(hand[t]), turned(1.5 * t as f64)] };
+        let motion = Motion { name: "wave".into(), fps: 10.0, poses: (0..4).map(pose).collect() };
+        assert_eq!(snaps(&motion, &skeleton), ["motion: hand turns by 166° from frame 1 to 2 (0.20 s)"]);
+    }
+}
