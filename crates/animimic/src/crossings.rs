@@ -207,6 +207,7 @@ fn segment_pierces(p: DVec3, q: DVec3, t: &[DVec3; 3]) -> bool {
 mod tests {
     use super::*;
     use crate::metrics::fixtures;
+    use animimic_math::gradcheck::SplitMix64;
 
     /// Two octahedra, the second displaced.
     fn two(offset: DVec3) -> Mesh {
@@ -230,16 +231,9 @@ mod tests {
         assert!(count(&two(DVec3::new(1.0, 0.1, 0.05))) > 0);
     }
 
-    fn dice() -> impl FnMut() -> f64 {
-        let mut seed = 7u64;
-        move || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (seed >> 33) as f64 / (1u64 << 31) as f64
-        }
-    }
-
     /// Loose triangles all over the unit cube.
-    fn soup(random: &mut impl FnMut() -> f64) -> Mesh {
+    fn soup(rng: &mut SplitMix64) -> Mesh {
+        let mut random = || rng.uniform();
         let mut mesh = Mesh::default();
         for i in 0..300u32 {
             let center = DVec3::new(random(), random(), random());
@@ -256,8 +250,8 @@ mod tests {
     /// At rest, and in poses that the tree was not made for, with all or few vertices moved.
     #[test]
     fn the_tree_finds_the_same_pairs_as_testing_all() {
-        let mut random = dice();
-        let mesh = soup(&mut random);
+        let mut rng = SplitMix64(7);
+        let mesh = soup(&mut rng);
         let crossings = Crossings::new(&mesh);
         let brute = |x: &[DVec3]| {
             let face = |k: u32| mesh.triangles[k as usize].map(|v| x[v as usize]);
@@ -270,7 +264,7 @@ mod tests {
         assert_eq!(rest, brute(&mesh.positions));
         let shuffled: Vec<DVec3> = mesh.positions.iter().map(|x| DVec3::new(1.0 - x.z, x.x * x.y, x.y)).collect();
         assert_eq!(crossings.pairs(&shuffled), brute(&shuffled));
-        let moved: Vec<bool> = (0..900).map(|_| random() < 0.05).collect();
+        let moved: Vec<bool> = (0..900).map(|_| rng.uniform() < 0.05).collect();
         let step = |x: &DVec3, m: &bool| if *m { *x + 0.1 * DVec3::new(1.0, -1.0, 0.5) } else { *x };
         let after: Vec<DVec3> = mesh.positions.iter().zip(&moved).map(|(x, m)| step(x, m)).collect();
         assert_ne!(brute(&after), rest);

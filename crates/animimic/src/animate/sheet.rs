@@ -92,15 +92,10 @@ impl<'a> Stage<'a> {
             let (result, coverage) = self.studio.draw(&self.take.camera.main, &x, self.background);
             let mut traced = self.take.video.frames[t].clone();
             overlay::contour(&mut traced, &coverage, OUTLINE);
-            let joints = self
-                .asset
-                .rig
-                .skeleton
-                .world_from_joint(&pose.locals)
-                .iter()
-                .map(|g| g.translation)
-                .collect::<Vec<_>>();
-            draw_bones(&mut traced, &self.take.camera.main, &self.asset.rig, &joints);
+            let rig = &self.asset.rig;
+            let joints: Vec<DVec3> =
+                rig.skeleton.world_from_joint(&pose.locals).iter().map(|w| w.translation).collect();
+            draw_bones(&mut traced, &self.take.camera.main, rig, &joints);
             for (row, picture) in [&self.take.video.frames[t], &result, &traced].into_iter().enumerate() {
                 overlay::paste(&mut out, &picture.resized(cell.0, cell.1), column * cell.0, row * cell.1);
             }

@@ -83,14 +83,12 @@ fn split(balls: &mut [(DVec3, f64)], first: usize, nodes: &mut Vec<Node>) -> u32
 #[cfg(test)]
 mod tests {
     use super::*;
+    use animimic_math::gradcheck::SplitMix64;
 
     #[test]
     fn the_tree_finds_what_looking_at_every_circle_finds() {
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 33) as f64 / (1u64 << 31) as f64
-        };
+        let mut rng = SplitMix64(1);
+        let mut random = || rng.uniform();
         let balls: Vec<(DVec3, f64)> =
             (0..500).map(|_| (DVec3::new(random(), random(), random()), 0.002 + 0.1 * random().powi(6))).collect();
         let circles = Circles::new(balls.clone());

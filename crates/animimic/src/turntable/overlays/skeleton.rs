@@ -35,7 +35,8 @@ impl Overlay for Bones {
 pub(crate) fn draw_bones(picture: &mut Image, camera: &Camera, rig: &Rig, joints: &[DVec3]) {
     let scale = (picture.height as f64 / NORMAL_PX).max(0.5);
     let all = &rig.skeleton.joints;
-    let carries: Vec<bool> = (0..all.len()).map(|j| rig.skin.slots.iter().any(|s| s.joint == j)).collect();
+    let mut carries = vec![false; all.len()];
+    rig.skin.slots.iter().for_each(|s| carries[s.joint] = true);
     let body = |j: usize| std::iter::successors(Some(j), |&j| all[j].parent).any(|j| carries[j]);
     let place = |j: usize| -> Option<DVec2> {
         let seen = camera.to_view(joints[j]);
